@@ -1,0 +1,81 @@
+"""What a cell is made of, as plain values: boards, holes, tolerances, the work to do. `config` fills them from TOML."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Annotated
+
+from pydantic import Field
+
+from runtime.quantity import Angle, Duration, Length, NotNegative, Positive
+
+Name = Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9_.-]*$")]
+
+
+@dataclass(frozen=True)
+class Hole:
+    """One place for a part: the centre of its hole pattern on the board."""
+
+    name: Name
+    x: Length  # [m] in the board's frame
+    y: Length  # [m]
+    orientation: Angle | None = None  # [rad] of the part about the board's normal; polar parts need one
+
+
+@dataclass(frozen=True)
+class Board:
+    """A board type: what the drawing says, not where the holes really are."""
+
+    type: Name  # key under which the posterior store remembers
+    holes: tuple[Hole, ...]
+    x: Length = 0.30  # [m] of the board's centre in base_link
+    y: Length = 0.0  # [m]
+    z: Length = 0.05  # [m] of the board's top face
+    thickness: Annotated[Length, Positive] = 1.6e-3  # [m]
+
+    def hole(self, name: str) -> Hole:
+        """The hole of that name."""
+        return next(hole for hole in self.holes if hole.name == name)
+
+
+@dataclass(frozen=True)
+class Tolerances:
+    """How far the real world strays from the drawing: standard deviations that the simulation draws from.
+
+    Only the simulated world reads this. A strategy that knew it would know the answer.
+    """
+
+    board_shift: Annotated[Length, NotNegative] = 0.1e-3  # [m] per axis, drawn for each board
+    board_rotation: Annotated[Angle, NotNegative] = 1e-3  # [rad] about the board's centre, drawn for each board
+    hole_bias: Annotated[Length, NotNegative] = 0.2e-3  # [m] per axis, drawn once for each hole of a board type
+    part_scatter: Annotated[Length, NotNegative] = 0.05e-3  # [m] per axis, clamping and bent pins, drawn for each part
+    part_rotation: Annotated[Angle, NotNegative] = 2e-3  # [rad] of the part in the gripper, drawn for each part
+    abnormal_hole: int = 7  # number of the hole, from 1, whose parts scatter more; 0 for none
+    abnormal_factor: Annotated[float, Field(ge=1)] = 3.0  # times part_scatter at that hole
+
+
+@dataclass(frozen=True)
+class SearchLimits:
+    """Bounds of one search."""
+
+    radius: Annotated[Length, Positive] = 2e-3  # [m] the hole is expected within this distance of nominal
+    max_attempts: Annotated[int, Field(ge=1, le=10_000)] = 150
+    prior_width: Annotated[Length, Positive] = 0.5e-3  # [m] standard deviation believed before anything is known
+
+
+@dataclass(frozen=True)
+class Interruption:
+    """A scripted reach into the light curtain, in session time."""
+
+    at: Annotated[Duration, NotNegative]  # [s] the beam breaks
+    clear_after: Annotated[Duration, Positive] = 2.0  # [s] later the field is clear again
+    reset_after: Annotated[Duration, Positive] = 1.0  # [s] after that somebody presses reset
+
+
+@dataclass(frozen=True)
+class Safety:
+    """Times of the safety chain."""
+
+    deadline: Annotated[Duration, Field(ge=0.002, le=1.0)] = 0.1  # [s] a permit holds no longer than this
+    discrepancy: Annotated[Duration, Field(gt=0.0, le=1.0)] = 0.05  # [s] both channels must agree within it
+    interruptions: tuple[Interruption, ...] = field(default_factory=tuple)

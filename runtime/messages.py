@@ -1,0 +1,428 @@
+"""Every message type, declared once and statically typed; the ROS 2 `.msg` text follows from the declaration.
+
+ROS types come from `rosbags`; `palpate_msgs` holds only what ROS has no type for. A field's annotation carries its ROS
+type and its unit, so `definition(Attempt)` is complete `.msg` text. Lengths are metres, angles radians, forces newtons,
+torques newton metres, times seconds. Positions on a board are offsets from the nominal hole, in the frame of the cell's
+base (`base_link`), because the robot knows no other.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, fields, is_dataclass
+from enum import IntEnum
+from functools import cache
+from typing import Annotated, Any, ClassVar, TypeVar, get_args, get_origin, get_type_hints
+
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from rosbags.typesys.store import Typestore
+from rosbags.typesys.stores import ros2_jazzy as ros
+
+Time = ros.builtin_interfaces__msg__Time
+Header = ros.std_msgs__msg__Header
+String = ros.std_msgs__msg__String
+Clock = ros.rosgraph_msgs__msg__Clock
+Log = ros.rcl_interfaces__msg__Log
+JointState = ros.sensor_msgs__msg__JointState
+Vector3 = ros.geometry_msgs__msg__Vector3
+Point = ros.geometry_msgs__msg__Point
+Quaternion = ros.geometry_msgs__msg__Quaternion
+Pose = ros.geometry_msgs__msg__Pose
+PoseStamped = ros.geometry_msgs__msg__PoseStamped
+Wrench = ros.geometry_msgs__msg__Wrench
+WrenchStamped = ros.geometry_msgs__msg__WrenchStamped
+Transform = ros.geometry_msgs__msg__Transform
+TransformStamped = ros.geometry_msgs__msg__TransformStamped
+TFMessage = ros.tf2_msgs__msg__TFMessage
+
+NANOSECONDS = 1_000_000_000
+
+
+@dataclass(frozen=True)
+class Ros:
+    """The ROS type of a field, with its unit where it has one."""
+
+    type: str
+    unit: str = ""
+
+
+Bool = Annotated[bool, Ros("bool")]
+UInt8 = Annotated[int, Ros("uint8")]
+UInt32 = Annotated[int, Ros("uint32")]
+UInt64 = Annotated[int, Ros("uint64")]
+Text = Annotated[str, Ros("string")]
+Number = Annotated[float, Ros("float64")]
+Metres = Annotated[float, Ros("float64", "m")]
+SquareMetres = Annotated[float, Ros("float64", "m^2")]
+Radians = Annotated[float, Ros("float64", "rad")]
+Seconds = Annotated[float, Ros("float64", "s")]
+Newtons = Annotated[float, Ros("float64", "N")]
+
+Message = TypeVar("Message")
+_declared: dict[str, type[Any]] = {}
+
+
+def message(cls: type[Message]) -> type[Message]:
+    """Declare a dataclass as the ROS type `palpate_msgs/msg/<class name>`."""
+    name = f"palpate_msgs/msg/{cls.__name__}"
+    cls.__msgtype__ = name  # type: ignore[attr-defined]
+    _declared[name] = cls
+    return cls
+
+
+class Outcome(IntEnum):
+    """How an attempt ended."""
+
+    SEATED = 1  # the pins reached their depth
+    BLOCKED = 2  # contact before that depth
+    ABORTED = 3  # neither: stopped, out of reach, or an error; the reason says which
+
+
+class Ending(IntEnum):
+    """How a search ended."""
+
+    INSERTED = 1
+    EXHAUSTED = 2  # the budget or the strategy's pattern ran out
+    ABORTED = 3
+
+
+class SafetyState(IntEnum):
+    """State of the interlock (names after IEC 61496-1)."""
+
+    LOCKED = 0  # restart interlock: the field is clear, a reset is awaited
+    PERMITTED = 1  # motion is allowed
+    TRIPPED = 2  # the light field is interrupted
+    FAULT = 3  # the two channels disagree for longer than the discrepancy time
+
+
+class Phase(IntEnum):
+    """Phase of a session."""
+
+    STARTING = 0
+    RUNNING = 1
+    DONE = 2
+    CLOSING = 3
+    FAILED = 4
+
+
+@message
+@dataclass(frozen=True, slots=True)
+class Gaussian:
+    """A two-dimensional normal distribution of a hole's offset from its nominal position, base_link frame."""
+
+    x: Metres = 0.0
+    y: Metres = 0.0
+    xx: SquareMetres = math.nan  # not a number: no distribution is claimed
+    xy: SquareMetres = math.nan
+    yy: SquareMetres = math.nan
+
+    __msgtype__: ClassVar[str]
+
+    @property
+    def known(self) -> bool:
+        """Whether a covariance is claimed."""
+        return not math.isnan(self.xx)
+
+
+@message
+@dataclass(frozen=True, slots=True)
+class Seat:
+    """Where one part went in: one piece of evidence about the holes of a board type."""
+
+    session: Text  # session that found it
+    board: UInt32  # number of the board within that session, from 1
+    hole: Text
+    x: Metres  # the candidate that succeeded
+    y: Metres
+    seated_x: Metres  # the TCP once the part was seated, as the robot reads it
+    seated_y: Metres
+
+    __msgtype__: ClassVar[str]
+
+
+@message
+@dataclass(frozen=True, slots=True)
+class SearchGoal:
+    """Find one hole for one part. All that a strategy may know."""
+
+    header: Header
+    search: UInt32  # number of the search within the session, from 1
+    board: UInt32  # number of the board, from 1
+    hole: Text
+    component: Text
+    nominal: Pose  # TCP (pin tips) at the top of the nominal hole, base_link frame
+    feasible_radius: Metres  # radius of the disc with the area in which the part goes in
+    search_radius: Metres  # the hole is expected within this distance of nominal
+    max_attempts: UInt32
+    seed: UInt64  # for strategies that draw random numbers
+    prior: Gaussian  # the posterior store's belief about this hole; a wide one if nothing is known
+    seats: list[Seat]  # every earlier insertion into boards of this type, oldest first
+
+    __msgtype__: ClassVar[str]
+
+
+@message
+@dataclass(frozen=True, slots=True)
+class Proposal:
+    """The next position to try: what a strategy yields."""
+
+    x: Metres
+    y: Metres
+    probability: Number = math.nan  # of success, as the strategy sees it
+    belief: Gaussian = field(default_factory=Gaussian)  # what the strategy believes at this moment
+
+    __msgtype__: ClassVar[str]
+
+
+@message
+@dataclass(frozen=True, slots=True)
+class Candidate:
+    """A strategy's next position to try, or word that it has none left."""
+
+    header: Header
+    search: UInt32
+    number: UInt32  # of the attempt within its search, from 1
+    exhausted: Bool  # no further position: the search is over without a find
+    reason: Text  # why it is exhausted
+    proposal: Proposal
+
+    __msgtype__: ClassVar[str]
+
+
+@message
+@dataclass(frozen=True, slots=True)
+class Attempt:
+    """What the arm felt at one candidate."""
+
+    header: Header
+    search: UInt32
+    number: UInt32  # within the search, from 1
+    board: UInt32
+    hole: Text
+    x: Metres  # commanded offset from nominal
+    y: Metres
+    outcome: UInt8  # an Outcome
+    reason: Text
+    pose: Pose  # TCP at the end of the descent, base_link frame
+    wrench: Wrench  # on the part at the TCP at the end of the descent, base_link frame
+    depth: Metres  # of the pin tips below the board's nominal top
+    peak_force: Newtons
+    duration: Seconds  # from the start of the approach to the end of the retract
+
+    __msgtype__: ClassVar[str]
+
+
+@message
+@dataclass(frozen=True, slots=True)
+class SearchResult:
+    """How the search for one hole ended."""
+
+    header: Header
+    search: UInt32
+    board: UInt32
+    hole: Text
+    component: Text
+    ending: UInt8  # an Ending
+    reason: Text
+    attempts: UInt32
+    x: Metres  # the candidate that succeeded; not a number if none did
+    y: Metres
+    seated_x: Metres
+    seated_y: Metres
+    duration: Seconds  # from goal to seated part or to giving up
+
+    __msgtype__: ClassVar[str]
+
+
+@message
+@dataclass(frozen=True, slots=True)
+class BeliefRequest:
+    """Ask the posterior store what is known about a hole."""
+
+    hole: Text
+    after_search: UInt32  # answer once this search's result is stored; 0 asks at once
+
+    __msgtype__: ClassVar[str]
+
+
+@message
+@dataclass(frozen=True, slots=True)
+class Belief:
+    """What the posterior store knows about one hole of a board type."""
+
+    header: Header
+    board_type: Text
+    hole: Text
+    count: UInt32  # insertions the distribution rests on
+    distribution: Gaussian
+    seats: list[Seat]  # of all holes of the board type, oldest first
+
+    __msgtype__: ClassVar[str]
+
+
+@message
+@dataclass(frozen=True, slots=True)
+class Ossd:
+    """The light curtain's two output signal switching devices (IEC 61496-1)."""
+
+    header: Header
+    channel_1: Bool  # on: the field is clear
+    channel_2: Bool
+    valid_until: Time  # the curtain vouches for this state up to here
+
+    __msgtype__: ClassVar[str]
+
+
+@message
+@dataclass(frozen=True, slots=True)
+class Reset:
+    """The restart button was pressed and released."""
+
+    header: Header
+    source: Text
+
+    __msgtype__: ClassVar[str]
+
+
+@message
+@dataclass(frozen=True, slots=True)
+class Permit:
+    """The interlock's word on motion. Without one for the present moment the arm stands still."""
+
+    header: Header
+    granted: Bool
+    state: UInt8  # a SafetyState
+    reason: Text
+    valid_until: Time  # the word holds from the header's stamp up to here
+
+    __msgtype__: ClassVar[str]
+
+
+@message
+@dataclass(frozen=True, slots=True)
+class ArmStatus:
+    """State of the arm's controller. Numbers as in UR's RTDE guide."""
+
+    header: Header
+    robot_mode: UInt8  # 7: running
+    safety_mode: UInt8  # 1: normal, 3: protective stop, 5: safeguard stop
+    speed_scaling: Number  # 0..1, 0 while stopped
+    activity: Text  # what the arm is doing, in words
+    holding: Text  # component in the gripper, empty if none
+
+    __msgtype__: ClassVar[str]
+
+
+@message
+@dataclass(frozen=True, slots=True)
+class Truth:
+    """Where hole and pins really are: simulation only, recorded, hidden from everything that decides."""
+
+    header: Header
+    search: UInt32
+    board: UInt32
+    hole: Text
+    hole_x: Metres  # offset of the hole from nominal
+    hole_y: Metres
+    hole_yaw: Radians
+    pin_x: Metres  # offset of the pins from the TCP
+    pin_y: Metres
+    pin_yaw: Radians
+    offset_x: Metres  # where the TCP must go: hole minus pins
+    offset_y: Metres
+
+    __msgtype__: ClassVar[str]
+
+
+@message
+@dataclass(frozen=True, slots=True)
+class SessionState:
+    """Phase of the session; latched."""
+
+    header: Header
+    session: Text
+    phase: UInt8  # a Phase
+    text: Text
+
+    __msgtype__: ClassVar[str]
+
+
+@message
+@dataclass(frozen=True, slots=True)
+class PublisherCount:
+    """How many messages one publisher has sent on one topic: the last word of a plugin that closes."""
+
+    topic: Text
+    sent: UInt64
+
+    __msgtype__: ClassVar[str]
+
+
+@message
+@dataclass(frozen=True, slots=True)
+class PublisherCounts:
+    """All publishers of a closing plugin."""
+
+    header: Header
+    plugin: Text
+    counts: list[PublisherCount]
+
+    __msgtype__: ClassVar[str]
+
+
+def stamp_of(nanoseconds: int) -> Time:
+    """Session time [ns] as a ROS time."""
+    return Time(sec=nanoseconds // NANOSECONDS, nanosec=nanoseconds % NANOSECONDS)
+
+
+def nanoseconds_of(stamp: Time) -> int:
+    """ROS time as session time [ns]."""
+    return stamp.sec * NANOSECONDS + stamp.nanosec
+
+
+def header(nanoseconds: int, frame: str = "") -> Header:
+    """Header with a session time [ns] and a frame."""
+    return Header(stamp=stamp_of(nanoseconds), frame_id=frame)
+
+
+def type_name(cls: type[Any]) -> str:
+    """ROS name of a message class, `package/msg/Type`."""
+    return str(cls.__msgtype__)
+
+
+def definition(cls: type[Any]) -> str:
+    """The `.msg` text of a type that palpate declares."""
+    lines = [f"# {line}".rstrip() for line in (cls.__doc__ or "").strip().splitlines()]
+    hints = get_type_hints(cls, include_extras=True)
+    lines += [_field_line(item.name, hints[item.name]) for item in fields(cls)]
+    return "\n".join(lines) + "\n"
+
+
+def _field_line(name: str, hint: Any) -> str:
+    if get_origin(hint) is list:
+        return f"{_nested_name(get_args(hint)[0])}[] {name}"
+    if get_origin(hint) is Annotated:
+        ros_type = next(item for item in get_args(hint) if isinstance(item, Ros))
+        return f"{ros_type.type} {name}" + (f"  # [{ros_type.unit}]" if ros_type.unit else "")
+    return f"{_nested_name(hint)} {name}"
+
+
+def _nested_name(cls: type[Any]) -> str:
+    assert is_dataclass(cls), f"{cls} is no message type"
+    package, _, name = type_name(cls).split("/")
+    return f"{package}/{name}"
+
+
+def declared() -> dict[str, type[Any]]:
+    """Every `palpate_msgs` type by its ROS name."""
+    return dict(_declared)
+
+
+@cache
+def typestore() -> Typestore:
+    """ROS 2 Jazzy's types and palpate's own, which decode to the classes of this module."""
+    store = get_typestore(Stores.ROS2_JAZZY)
+    for name, cls in _declared.items():
+        store.register(get_types_from_msg(definition(cls), name))
+        store.types[name] = cls
+    return store

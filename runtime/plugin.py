@@ -1,0 +1,47 @@
+"""What a plugin author implements: a strategy, or a driver.
+
+A plugin is a frozen dataclass. Its fields are its settings, filled from the cell file's table of the same name
+(`[strategies.spiral]`), and checked there for key, type, unit and range. The first line of its docstring is what
+`palpate plugins` shows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Generator
+from typing import TYPE_CHECKING, Protocol, TypeAlias, runtime_checkable
+
+from runtime.messages import Attempt, Proposal, SearchGoal
+
+if TYPE_CHECKING:
+    from runtime.context import Context
+
+Search: TypeAlias = Generator[Proposal, Attempt, None]
+"""One search for one hole: yields the next position, is sent what the arm felt there, ends when it knows no more."""
+
+
+@runtime_checkable
+class Strategy(Protocol):
+    """Decides where to try next. Pure: the same goal and the same attempts give the same proposals.
+
+    `search` has no bus, no clock and no thread, and draws random numbers only from `goal.seed`:
+
+        def search(self, goal):
+            for ring in itertools.count():
+                for angle in (0.0, 2.1, 4.2):
+                    attempt = yield Proposal(ring * 1e-4 * cos(angle), ring * 1e-4 * sin(angle))
+
+    The search is closed when a part is seated or the goal's `max_attempts` are spent.
+    """
+
+    def search(self, goal: SearchGoal) -> Search:
+        """Begin a search for one hole."""
+        ...
+
+
+@runtime_checkable
+class Driver(Protocol):
+    """Owns one device, or one service of the cell, in a process of its own."""
+
+    def run(self, context: Context) -> None:
+        """Work until `context.stopping`; return with the device halted."""
+        ...
