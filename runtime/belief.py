@@ -1,0 +1,246 @@
+"""Mathematics of what is believed about a hole: normal distributions of its offset from nominal, and nothing else.
+
+Equation numbers are those of the paper this project reproduces. Lengths are metres, in `base_link`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from functools import cache
+from itertools import product
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.special import erf
+
+from runtime.errors import InputError
+from runtime.messages import Gaussian, Seat
+
+Array = NDArray[np.float64]
+
+FEWEST_FOR_COVARIANCE = 3  # two points span a line: Eq. 27 is singular below three
+_NODES = 96  # of Gauss-Legendre quadrature: disc masses to 1e-6 while both widths exceed a tenth of the radius
+_TAIL = 9.0  # standard deviations beyond which a normal density is zero in double precision
+_RECENT = 120  # seats that `belief_about` weighs: the cost grows with the cube, older boards say little more
+
+# Standard deviations that `belief_about` tries, in multiples of the prior width.
+_BOARD_SHIFTS = (0.15, 0.5, 1.2)
+_HOLE_BIASES = (0.15, 0.5, 1.0)
+_SCATTERS = (0.1, 0.3, 0.7)
+_HOLE_FACTORS = ((1.0, 0.85), (3.0, 0.15))  # how much more this hole's parts scatter than others, how likely
+
+
+def gaussian(mean: ArrayLike, covariance: ArrayLike) -> Gaussian:
+    """A belief with this mean (2,) [m] and covariance (2, 2) [m^2]. InputError unless finite and positive semidefinite."""
+    m, c = np.asarray(mean, dtype=float), np.asarray(covariance, dtype=float)
+    if m.shape != (2,) or c.shape != (2, 2):
+        raise InputError(f"a belief needs a mean (2,) and a covariance (2, 2), not {m.shape} and {c.shape}")
+    if not (np.isfinite(m).all() and np.isfinite(c).all()):
+        raise InputError(f"a belief needs finite numbers, not mean {m.tolist()} and covariance {c.tolist()}")
+    if np.linalg.eigvalsh(c)[0] < -1e-9 * max(np.trace(c), 0.0):
+        raise InputError(f"a covariance needs eigenvalues of zero or more: {c.tolist()} has a negative one")
+    return Gaussian(x=float(m[0]), y=float(m[1]), xx=float(c[0, 0]), xy=float((c[0, 1] + c[1, 0]) / 2), yy=float(c[1, 1]))
+
+
+def isotropic(mean: ArrayLike, width: float) -> Gaussian:
+    """A round belief: standard deviation `width` [m] along every direction."""
+    return gaussian(mean, width**2 * np.eye(2))
+
+
+def mean_of(belief: Gaussian) -> Array:
+    """Mean (2,) [m]."""
+    return np.array([belief.x, belief.y])
+
+
+def covariance_of(belief: Gaussian) -> Array:
+    """Covariance (2, 2) [m^2]. InputError if the belief claims none."""
+    if not belief.known:
+        raise InputError("this belief claims no distribution: its covariance is not a number")
+    return np.array([[belief.xx, belief.xy], [belief.xy, belief.yy]])
+
+
+def floored(belief: Gaussian, width: float) -> Gaussian:
+    """The same belief, but no direction with a standard deviation below `width` [m]."""
+    variances, axes = np.linalg.eigh(covariance_of(belief))
+    return gaussian(mean_of(belief), axes @ np.diag(np.maximum(variances, width**2)) @ axes.T)
+
+
+def maximum_likelihood(points: ArrayLike, prior: Gaussian) -> Gaussian:
+    """Maximum likelihood from points (m, 2) [m], Eqs. 26-27; the prior as it is until m >= 3.
+
+    The covariance divides by m, as printed, so it is low by 1/m; identical points make it zero.
+    """
+    p = _points(points)
+    if len(p) < FEWEST_FOR_COVARIANCE:
+        return prior
+    centred = p - p.mean(axis=0)
+    return gaussian(p.mean(axis=0), centred.T @ centred / len(p))
+
+
+def maximum_a_posteriori(points: ArrayLike, prior: Gaussian, mean_count: float, covariance_count: float) -> Gaussian:
+    """Joint mode of mean and covariance under a normal-inverse-Wishart prior, from points (m, 2) [m].
+
+    Stands in for Eqs. 28-30, whose objective grows without bound as the covariance shrinks on one point, so that no
+    maximum exists. The prior counts as `mean_count` points at its mean and `covariance_count` points with its
+    covariance (Gelman et al., Bayesian Data Analysis, 3rd ed., section 3.6, with nu0 + d + 2 = covariance_count):
+
+        mean       = (k0 m0 + m xbar) / (k0 + m)
+        covariance = (n0 S0 + S + k0 m / (k0 + m) (xbar - m0)(xbar - m0)^T) / (n0 + m)
+    """
+    p = _points(points)
+    m = len(p)
+    if m == 0:
+        return prior
+    average = p.mean(axis=0)
+    centred, shift = p - average, average - mean_of(prior)
+    total = mean_count + m
+    scatter = (
+        covariance_count * covariance_of(prior)
+        + centred.T @ centred
+        + mean_count * m / total * np.outer(shift, shift)
+    )
+    return gaussian((mean_count * mean_of(prior) + m * average) / total, scatter / (covariance_count + m))
+
+
+def disc_mass(belief: Gaussian, centres: ArrayLike, radius: float) -> Array:
+    """Probability that the hole lies within `radius` [m] of each centre (n, 2) [m]: phi of Eq. 44, shape (n,).
+
+    In the covariance's own axes one integral is an error function; the other is done by Gauss-Legendre quadrature
+    along the wider axis. (Eqs. 35-40 mix the eigenvalues of the covariance with those of its inverse.)
+    """
+    wide, narrow, axes = _principal(belief, radius)
+    from_mean = (np.atleast_2d(np.asarray(centres, dtype=float)) - mean_of(belief)) @ axes  # (n, 2)
+    a, b = -from_mean[:, :1], -from_mean[:, 1:]  # the mean as seen from each centre
+    low = np.arcsin(np.clip((a - _TAIL * wide) / radius, -1.0, 1.0))
+    high = np.arcsin(np.clip((a + _TAIL * wide) / radius, -1.0, 1.0))
+    nodes, weights = _gauss_legendre()
+    angle = (low + high) / 2 + (high - low) / 2 * nodes  # (n, nodes); u = radius sin(angle) is smooth at the rim
+    u, half_chord = radius * np.sin(angle), radius * np.cos(angle)
+    density = np.exp(-0.5 * ((u - a) / wide) ** 2) / (math.sqrt(2 * math.pi) * wide)
+    root = math.sqrt(2) * narrow
+    chord = 0.5 * (erf((half_chord - b) / root) - erf((-half_chord - b) / root))
+    mass = ((high - low) / 2 * weights * density * chord * half_chord).sum(axis=1)
+    return np.asarray(np.clip(mass, 0.0, 1.0))
+
+
+def disc_mass_gradient(belief: Gaussian, centres: ArrayLike, radius: float) -> Array:
+    """Gradient of `disc_mass` with respect to each centre, shape (n, 2) [1/m].
+
+    By the divergence theorem it is the density times the outward normal, summed along the rim: what Eq. 31 wants,
+    which has the opposite sign and so walks away from the mean. The trapezoidal rule on a circle converges faster
+    than any power; its nodes grow with radius over width, up to 512 (width below radius / 50 is not resolved).
+    """
+    wide, narrow, axes = _principal(belief, radius)
+    count = int(min(512, max(24, 4 * math.ceil(3 * radius / narrow))))
+    normal = _circle(count)  # (count, 2)
+    from_mean = (np.atleast_2d(np.asarray(centres, dtype=float)) - mean_of(belief)) @ axes
+    scaled = (from_mean[:, None, :] + radius * normal) / np.array([wide, narrow])
+    density = np.exp(-0.5 * (scaled**2).sum(axis=2)) / (2 * math.pi * wide * narrow)  # (n, count)
+    return np.asarray(radius * 2 * math.pi / count * (density @ normal) @ axes.T)
+
+
+def ellipse(belief: Gaussian, sigmas: float = 2.0, points: int = 64) -> Array:
+    """Closed outline (points, 2) [m] at `sigmas` standard deviations about the mean, last point equal to the first."""
+    variances, axes = np.linalg.eigh(covariance_of(belief))
+    angle = np.linspace(0.0, 2 * math.pi, points)
+    circle = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    outline = mean_of(belief) + sigmas * (circle * np.sqrt(np.maximum(variances, 0.0))) @ axes.T
+    outline[-1] = outline[0]
+    return np.asarray(outline)
+
+
+def seat_points(seats: Sequence[Seat], *, seated: bool = True) -> Array:
+    """Positions (n, 2) [m] of insertions: where the TCP came to rest, or the candidates that succeeded.
+
+    A seat without a finite resting position counts with its candidate; one without either is left out.
+    """
+    rows = []
+    for seat in seats:
+        pose = (seat.seated_x, seat.seated_y) if seated else (math.nan, math.nan)
+        rows.append(pose if all(map(math.isfinite, pose)) else (seat.x, seat.y))
+    points = np.array(rows, dtype=float).reshape(-1, 2)
+    return np.asarray(points[np.isfinite(points).all(axis=1)])
+
+
+def belief_about(
+    hole: str, seats: Sequence[Seat], prior_width: float, *, session: str = "", board: int = 0
+) -> tuple[Gaussian, int]:
+    """What earlier insertions say about where the next part goes into `hole`, and how many of them were weighed.
+
+    A random-effects model: offset = common error + shift of the board + bias of the hole + scatter of the part, all
+    normal, independent, round. So the other holes of the board under work (`session`, `board`) tell this board's
+    shift, this hole on other boards tells its bias, and a hole without a seat of its own starts from the common
+    error plus the shift of the board. With `board` 0 the board under work is unknown and counts as a new one.
+
+    How far boards shift, holes stray and parts scatter is not known either: each is tried at three multiples of
+    `prior_width` [m], with this hole's scatter three times the others' as a rarer case; the answer has the mean and
+    covariance of all cases, weighted by how well each explains the seats. No seats: normal about nominal with
+    standard deviation `prior_width`. Only the newest 120 seats are weighed.
+    """
+    if not (math.isfinite(prior_width) and prior_width > 0):
+        raise InputError(f"a prior width must be a positive length, not {prior_width} m")
+    recent = [seat for seat in seats if math.isfinite(seat.x + seat.y)][-_RECENT:]
+    if not recent:
+        return isotropic((0.0, 0.0), prior_width), 0
+    y = seat_points(recent) / prior_width  # (n, 2)
+    boards = [(seat.session, seat.board) for seat in recent]
+    numbers = {key: number for number, key in enumerate(dict.fromkeys(boards))}
+    on_board = np.array([numbers[key] for key in boards])
+    holes = [seat.hole for seat in recent]
+    names = {name: number for number, name in enumerate(dict.fromkeys(holes))}
+    of_hole = np.array([names[name] for name in holes])
+    same_board = (on_board[:, None] == on_board).astype(float)
+    same_hole = (of_hole[:, None] == of_hole).astype(float)
+    this_board = np.array([key == (session, board) and board > 0 for key in boards], dtype=float)
+    this_hole = np.array([name == hole for name in holes], dtype=float)
+
+    cases = list(product(_BOARD_SHIFTS, _HOLE_BIASES, _SCATTERS, _HOLE_FACTORS))
+    shift, bias, scatter = (np.array([case[axis] ** 2 for case in cases]) for axis in range(3))  # (cases,) variances
+    factor = np.array([case[3][0] ** 2 for case in cases])
+    weight = np.log([case[3][1] for case in cases])
+    own = 1.0 + this_hole * (factor[:, None] - 1.0)  # (cases, n)
+    between = 1.0 + shift[:, None, None] * same_board + bias[:, None, None] * same_hole
+    covariance = between + np.eye(len(recent)) * (scatter[:, None] * own)[:, None, :]
+    to_next = 1.0 + shift[:, None] * this_board + bias[:, None] * this_hole  # (cases, n)
+    lower = np.linalg.cholesky(covariance)
+    right = np.concatenate([np.broadcast_to(y, (len(cases), *y.shape)), to_next[:, :, None]], axis=2)
+    whitened = np.linalg.solve(lower, right)  # (cases, n, 3)
+    means = np.einsum("cni,cn->ci", whitened[:, :, :2], whitened[:, :, 2])
+    variances = 1.0 + shift + bias + scatter * factor - (whitened[:, :, 2] ** 2).sum(axis=1)
+    # Both axes share one covariance, so its determinant counts twice: 2 * log sqrt(det).
+    weight = weight - 0.5 * (whitened[:, :, :2] ** 2).sum(axis=(1, 2))
+    weight = weight - 2 * np.log(np.diagonal(lower, axis1=1, axis2=2)).sum(axis=1)
+    share = np.exp(weight - weight.max())
+    share /= share.sum()
+    mean = share @ means
+    apart = means - mean
+    spread = (share @ variances) * np.eye(2) + (share[:, None] * apart).T @ apart
+    return gaussian(mean * prior_width, spread * prior_width**2), len(recent)
+
+
+def _points(points: ArrayLike) -> Array:
+    p = np.asarray(points, dtype=float).reshape(-1, 2)
+    if not np.isfinite(p).all():
+        raise InputError("positions to learn from must be finite numbers")
+    return p
+
+
+def _principal(belief: Gaussian, radius: float) -> tuple[float, float, Array]:
+    """Wider and narrower standard deviation [m] and their axes as columns (2, 2)."""
+    if not radius > 0:
+        raise InputError(f"a disc needs a positive radius, not {radius} m")
+    variances, axes = np.linalg.eigh(covariance_of(belief))
+    narrow, wide = np.sqrt(np.maximum(variances, (1e-6 * radius) ** 2))  # a point mass is a very narrow one
+    return float(wide), float(narrow), axes[:, ::-1]
+
+
+@cache
+def _gauss_legendre() -> tuple[Array, Array]:
+    return np.polynomial.legendre.leggauss(_NODES)
+
+
+@cache
+def _circle(count: int) -> Array:
+    angle = 2 * math.pi * np.arange(count) / count
+    return np.stack([np.cos(angle), np.sin(angle)], axis=1)

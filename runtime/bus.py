@@ -1,0 +1,180 @@
+"""Publish, subscribe, request: the seam between plugins and transport.
+
+A plugin works in one thread. Whatever it subscribes to or serves arrives in one `Inbox`, in order of arrival, as
+`Envelope` or `Request`. Every envelope carries its publisher and a sequence number from 1, so that an inbox can count
+what never arrived.
+"""
+
+from __future__ import annotations
+
+import queue
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from types import TracebackType
+from typing import Any, Generic, Protocol, Self, TypeVar
+
+from runtime.errors import BusError
+from runtime.messages import PublisherCount, type_name, typestore
+from runtime.topics import ReplyT, RequestT, Service, Topic
+
+MessageT = TypeVar("MessageT")
+MessageT_contra = TypeVar("MessageT_contra", contravariant=True)
+
+
+def encode(message: Any) -> bytes:
+    """CDR of a message (little endian, with encapsulation header)."""
+    return bytes(typestore().serialize_cdr(message, type_name(type(message))))
+
+
+def decode(payload: bytes, cls: type[MessageT]) -> MessageT:
+    """Message from CDR. Raises BusError if the bytes are no such message."""
+    try:
+        message = typestore().deserialize_cdr(payload, type_name(cls))
+    except Exception as error:  # rosbags raises several types on malformed bytes
+        raise BusError(f"{len(payload)} bytes are no {type_name(cls)}: {error}") from None
+    assert isinstance(message, cls)
+    return message
+
+
+@dataclass(frozen=True, slots=True)
+class Envelope:
+    """One message as it travelled."""
+
+    topic: str
+    type: str  # ROS type name
+    payload: bytes  # CDR
+    stamp: int  # session time of sending [ns]
+    sequence: int  # of its publisher on its topic, from 1
+    publisher: bytes  # (16,) identity of the publisher
+
+    def read(self, topic: Topic[MessageT]) -> MessageT:
+        """The message, if it belongs to `topic`."""
+        if topic.name != self.topic:
+            raise BusError(f"a message of {self.topic} was read as one of {topic.name}")
+        return decode(self.payload, topic.type)
+
+
+@dataclass(frozen=True, slots=True)
+class Request:
+    """A question that waits for its answer."""
+
+    service: str
+    payload: bytes
+    answer: Callable[[bytes], None]
+
+    def read(self, service: Service[RequestT, Any]) -> RequestT:
+        """The question, if it was put to `service`."""
+        if service.name != self.service:
+            raise BusError(f"a request to {self.service} was read as one to {service.name}")
+        return decode(self.payload, service.request)
+
+    def reply(self, message: Any) -> None:
+        """Answer."""
+        self.answer(encode(message))
+
+
+@dataclass(eq=False)
+class Inbox:
+    """What arrives for one plugin, in order of arrival."""
+
+    lost: Counter[str] = field(default_factory=Counter)  # messages that never arrived, by topic
+    received: Counter[tuple[str, bytes]] = field(default_factory=Counter)  # by topic and publisher
+    _queue: queue.SimpleQueue[Envelope | Request | None] = field(default_factory=queue.SimpleQueue)
+    _last: dict[tuple[str, bytes], int] = field(default_factory=dict)
+
+    def put(self, item: Envelope | Request) -> None:
+        """Called by a bus, from any thread: only counts and enqueues, since a slow callback stalls the transport."""
+        if isinstance(item, Envelope):
+            key = (item.topic, item.publisher)
+            expected = self._last.get(key, 0) + 1
+            if item.sequence > expected:
+                self.lost[item.topic] += item.sequence - expected
+            self._last[key] = item.sequence
+            self.received[key] += 1
+        self._queue.put(item)
+
+    def wake(self) -> None:
+        """Make a waiting `receive` return None."""
+        self._queue.put(None)
+
+    def receive(self, timeout: float | None = None) -> Envelope | Request | None:
+        """The next item; None after `timeout` seconds of waiting or after a `wake`."""
+        try:
+            return self._queue.get(timeout=timeout)
+        except queue.Empty:
+            return None
+
+    def poll(self) -> Envelope | Request | None:
+        """The next item if one is there."""
+        try:
+            return self._queue.get_nowait()
+        except queue.Empty:
+            return None
+
+    def __len__(self) -> int:
+        return self._queue.qsize()
+
+
+class Publisher(Protocol, Generic[MessageT_contra]):
+    """Sends messages on one topic."""
+
+    def send(self, message: MessageT_contra, stamp: int) -> None:
+        """Publish at session time `stamp` [ns]. Waits rather than drops when receivers are slow."""
+        ...
+
+
+class Bus(Protocol):
+    """What every transport offers. One instance belongs to one plugin."""
+
+    def publisher(self, topic: Topic[MessageT]) -> Publisher[MessageT]:
+        """Declare that this plugin publishes `topic`."""
+        ...
+
+    def subscribe(self, *topics: Topic[Any]) -> None:
+        """Let messages of these topics arrive in `inbox`. Raises BusError for a topic that is hidden from the plugin."""
+        ...
+
+    def subscribe_all(self) -> None:
+        """Let every message of the cell arrive in `inbox`, hidden ones too. For recorder and viewer."""
+        ...
+
+    def serve(self, service: Service[Any, Any]) -> None:
+        """Let requests to `service` arrive in `inbox`."""
+        ...
+
+    def request(self, service: Service[RequestT, ReplyT], message: RequestT, timeout: float) -> ReplyT:
+        """Ask and wait. Raises BusError if no answer came within `timeout` seconds."""
+        ...
+
+    def announce(self) -> None:
+        """Tell the cell that everything is declared."""
+        ...
+
+    def counts(self) -> list[PublisherCount]:
+        """What was published so far."""
+        ...
+
+    @property
+    def inbox(self) -> Inbox:
+        """Where everything arrives."""
+        ...
+
+    def close(self) -> None:
+        """Leave the bus. Idempotent."""
+        ...
+
+    def __enter__(self) -> Self: ...
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None: ...
+
+
+READS_HIDDEN = frozenset({"recorder", "viewer"})
+
+
+def check_readable(role: str, topic: Topic[Any]) -> None:
+    """Raise BusError where a plugin of this role must not read a topic."""
+    if topic.hidden and role not in READS_HIDDEN:
+        raise BusError(f"{topic.name} is hidden from {role!r}: only {', '.join(sorted(READS_HIDDEN))} may read it")

@@ -1,0 +1,83 @@
+"""Session time. The only file that reads or sleeps on the machine's clock.
+
+In simulation the arm's controller is the source of session time, and every other plugin's clock is the latest stamp that
+reached it: a decision takes no session time, so it cannot depend on how fast the machine was.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, field
+
+from runtime.errors import InputError
+from runtime.messages import NANOSECONDS
+
+MAX_RATE = "max"
+
+
+@dataclass
+class SessionClock:
+    """The latest session time a plugin knows of [ns]."""
+
+    now: int = 0
+
+    def advance(self, stamp: int) -> None:
+        """Take note of a stamp; earlier ones change nothing."""
+        self.now = max(self.now, stamp)
+
+
+def parse_rate(text: str) -> float | None:
+    """Session seconds per second; None for as fast as the machine allows."""
+    if text == MAX_RATE:
+        return None
+    try:
+        rate = float(text)
+    except ValueError:
+        rate = 0.0
+    if not 0.01 <= rate <= 1000.0:
+        raise InputError(f"rate {text!r} is neither 'max' nor a number from 0.01 to 1000 (1.0 is real time)")
+    return rate
+
+
+@dataclass
+class Pacer:
+    """Holds simulated or replayed time back to `rate` times real time. None: never waits."""
+
+    rate: float | None
+    _started: float | None = None  # [s] machine time at session time `_origin`
+    _origin: int = 0  # [ns]
+
+    def wait_until(self, stamp: int) -> None:
+        """Sleep until session time `stamp` [ns] is due."""
+        if self.rate is None:
+            return
+        now = time.monotonic()
+        if self._started is None:
+            self._started, self._origin = now, stamp
+        due = self._started + (stamp - self._origin) / NANOSECONDS / self.rate
+        if due > now:
+            time.sleep(due - now)
+        elif now - due > 0.5:  # the cell stood still (a person, a debugger): do not rush to catch up
+            self._started, self._origin = now, stamp
+
+
+@dataclass(frozen=True)
+class Stopwatch:
+    """Machine time since creation, for what is reported and never decided on."""
+
+    started: float = field(default_factory=time.perf_counter)
+
+    @property
+    def seconds(self) -> float:
+        """Elapsed machine time [s]."""
+        return time.perf_counter() - self.started
+
+
+def wall_clock() -> str:
+    """Local date and time as a sortable name, `20261122-151233`."""
+    return time.strftime("%Y%m%d-%H%M%S")
+
+
+def wall_nanoseconds() -> int:
+    """Machine time since 1970 [ns]."""
+    return time.time_ns()

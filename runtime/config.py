@@ -1,0 +1,182 @@
+"""The cell file (TOML) as typed, validated values. Cell files that ship with palpate are found by their bare name.
+
+    robot = "mujoco_ur3e"      # a driver
+    strategy = "meta"
+    component = "igbt"
+
+    [board]
+    type = "inverter-9"
+    holes = [{ name = "1", x = "-30 mm", y = "-30 mm", orientation = "0 deg" }]
+"""
+
+from __future__ import annotations
+
+import copy
+import hashlib
+import json
+import tomllib
+from collections import Counter
+from dataclasses import dataclass, field, replace
+from importlib import resources
+from pathlib import Path
+from typing import Annotated, Any
+
+from pydantic import Field
+
+from runtime import registry
+from runtime.cell import Board, Name, Safety, SearchLimits, Tolerances
+from runtime.clock import parse_rate
+from runtime.component import COMPONENTS
+from runtime.errors import CellError, InputError, alternatives
+from runtime.settings import read
+
+DEFAULT_CELL = "igbt"
+SIMULATES = "arm"  # the one role that is told the tolerances and the seed
+
+
+@dataclass(frozen=True)
+class BusSettings:
+    """Where the plugins meet: on loopback."""
+
+    port: Annotated[int, Field(ge=1, le=65535)] = 7447
+    domain: Annotated[int, Field(ge=0, le=232)] = 0  # ROS_DOMAIN_ID
+
+
+@dataclass(frozen=True)
+class PosteriorSettings:
+    """What is remembered from earlier sessions."""
+
+    path: str = ""  # of the store; empty: posterior.sqlite3 beside the logs
+    scope: str = "real"  # evidence of one physical or simulated world; set by the launcher for simulated ones
+
+
+@dataclass(frozen=True)
+class Cell:
+    """A whole cell."""
+
+    board: Board
+    robot: Name = "mujoco_ur3e"
+    strategy: Name = "meta"
+    component: str = "igbt"
+    boards: Annotated[int, Field(ge=1, le=10_000)] = 1
+    seed: Annotated[int, Field(ge=0, lt=2**63)] = 1
+    rate: str = "max"
+    search: SearchLimits = field(default_factory=SearchLimits)
+    safety: Safety = field(default_factory=Safety)
+    tolerances: Tolerances = field(default_factory=Tolerances)
+    bus: BusSettings = field(default_factory=BusSettings)
+    posterior: PosteriorSettings = field(default_factory=PosteriorSettings)
+    drivers: dict[str, dict[str, Any]] = field(default_factory=dict)
+    strategies: dict[str, dict[str, Any]] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class CellFile:
+    """A cell file as read: its text for the record, its document for the plugins, its values for us."""
+
+    name: str
+    text: str
+    document: dict[str, Any]
+    cell: Cell
+
+
+def shipped() -> dict[str, Path]:
+    """Cell files that come with palpate, by bare name."""
+    folder = Path(str(resources.files("runtime"))) / "cells"
+    return {path.stem: path for path in sorted(folder.glob("*.toml"))}
+
+
+def find(name: str) -> Path:
+    """Path of a cell file, given as a path or as a shipped name. Raises CellError naming what exists."""
+    path = Path(name)
+    if path.is_file():
+        return path
+    cells = shipped()
+    if name in cells:
+        return cells[name]
+    if path.is_dir():
+        raise CellError(f"{name} is a directory, not a cell file")
+    raise CellError(f"no cell file {name!r}; cells that ship with palpate: {', '.join(cells)}")
+
+
+def load(name: str, overrides: dict[str, Any] | None = None) -> CellFile:
+    """Read and check a cell file, with top-level keys replaced by `overrides`. Raises CellError in one line."""
+    path = find(name)
+    try:
+        text = path.read_text(encoding="utf-8")
+        document = tomllib.loads(text)
+    except (OSError, UnicodeDecodeError) as error:
+        raise CellError(f"{path.name}: cannot be read: {error}") from None
+    except tomllib.TOMLDecodeError as error:
+        raise CellError(f"{path.name}: no valid TOML: {error}") from None
+    for key, value in (overrides or {}).items():
+        if isinstance(value, dict):
+            document[key] = {**document.get(key, {}), **value}
+        else:
+            document[key] = value
+    return CellFile(path.name, text, document, cell_of(document, path.name))
+
+
+def cell_of(document: dict[str, Any], where: str) -> Cell:
+    """The checked values of a cell document. Raises CellError or PluginError."""
+    cell = read(Cell, document, where)
+    if cell.component not in COMPONENTS:
+        raise CellError(
+            f"{where}: component: no part {cell.component!r} is known; {alternatives(cell.component, COMPONENTS)}"
+        )
+    try:
+        parse_rate(cell.rate)
+    except InputError as error:
+        raise CellError(f"{where}: {error}") from None
+    _check_holes(cell, where)
+    for name in {*cell.strategies, cell.strategy}:
+        registry.strategy(name, cell.strategies.get(name, {}), where)
+    for name in {*cell.drivers, cell.robot}:
+        registry.driver(name, cell.drivers.get(name, {}), where)
+    return cell
+
+
+def _check_holes(cell: Cell, where: str) -> None:
+    if not cell.board.holes:
+        raise CellError(f"{where}: board.holes: a board needs at least one hole")
+    twice = [name for name, count in Counter(hole.name for hole in cell.board.holes).items() if count > 1]
+    if twice:
+        raise CellError(f"{where}: board.holes: the name {twice[0]!r} stands twice; every hole has its own")
+    for hole in cell.board.holes:
+        if COMPONENTS[cell.component].polar and hole.orientation is None:
+            raise CellError(
+                f"{where}: board.holes: hole {hole.name!r} needs an orientation, such as "
+                f'orientation = "0 deg": {cell.component} is a polar part'
+            )
+    if cell.tolerances.abnormal_hole > len(cell.board.holes) or cell.tolerances.abnormal_hole < 0:
+        raise CellError(
+            f"{where}: tolerances.abnormal_hole: {cell.tolerances.abnormal_hole} is no hole's number; "
+            f"write 1 to {len(cell.board.holes)}, or 0 for none"
+        )
+
+
+def seed_for(seed: int, role: str) -> int:
+    """A role's own seed, from which the session's cannot be found."""
+    return int.from_bytes(hashlib.sha256(f"{seed}/{role}".encode()).digest()[:7], "big")
+
+
+def scope_of(document: dict[str, Any]) -> str:
+    """Name of the simulated world that a document describes: evidence from one world is worth nothing in another."""
+    world = {key: document.get(key) for key in ("seed", "tolerances", "robot")}
+    return "simulated-" + hashlib.sha256(json.dumps(world, sort_keys=True).encode()).hexdigest()[:12]
+
+
+def redacted(document: dict[str, Any], role: str) -> dict[str, Any]:
+    """The document as one role may know it: without the truth, unless the role simulates it."""
+    seen = copy.deepcopy(document)
+    if role != SIMULATES:
+        seen.pop("tolerances", None)
+        seen["seed"] = seed_for(int(document.get("seed", Cell.seed)), role)
+    return seen
+
+
+def redacted_cell(cell: Cell, role: str) -> Cell:
+    """Like `redacted`, for values."""
+    if role == SIMULATES:
+        return cell
+    return replace(cell, tolerances=Tolerances(), seed=seed_for(cell.seed, role))

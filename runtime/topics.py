@@ -1,0 +1,87 @@
+"""THE MAP: every topic and service of a cell, with its type, rate, publisher and meaning.
+
+     light_curtain --ossd--> interlock --permit--> arm
+     assembly --goal--> strategy --candidate--> arm --attempt--> strategy, posterior, assembly
+     assembly --request--> posterior --belief--> assembly (into the next goal)
+     everything --> recorder, viewer
+
+Names of the arm's topics are those of UR's ROS 2 driver. A publisher is the role of a plugin in the cell.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Generic, TypeVar
+
+from runtime import messages as m
+
+MessageT = TypeVar("MessageT")
+RequestT = TypeVar("RequestT")
+ReplyT = TypeVar("ReplyT")
+
+_topics: dict[str, Topic[Any]] = {}
+
+
+@dataclass(frozen=True)
+class Topic(Generic[MessageT]):
+    """A stream of messages of one type."""
+
+    name: str
+    type: type[MessageT]
+    publisher: str  # role, or "any"
+    rate: str  # in session time
+    meaning: str
+    latched: bool = False  # a late subscriber gets the last message
+    hidden: bool = False  # only recorder and viewer may read it
+
+    def __post_init__(self) -> None:
+        _topics[self.name] = self
+
+
+@dataclass(frozen=True)
+class Service(Generic[RequestT, ReplyT]):
+    """A question that one plugin answers."""
+
+    name: str
+    request: type[RequestT]
+    reply: type[ReplyT]
+    server: str  # role
+    meaning: str
+
+
+JOINT_STATES = Topic("/joint_states", m.JointState, "arm", "50 Hz", "measured joint angles, speeds and motor torques")
+WRENCH = Topic(
+    "/force_torque_sensor_broadcaster/wrench",
+    m.WrenchStamped,
+    "arm",
+    "50 Hz",
+    "wrench on the tool at the flange, frame tool0, payload compensated, zeroed before each attempt",
+)
+TCP_POSE = Topic("/tcp_pose_broadcaster/pose", m.PoseStamped, "arm", "50 Hz", "pose of the TCP in base_link")
+TF = Topic("/tf", m.TFMessage, "arm", "50 Hz", "poses of the arm's links")
+TF_STATIC = Topic("/tf_static", m.TFMessage, "arm", "once", "poses of what does not move", latched=True)
+ROBOT_DESCRIPTION = Topic("/robot_description", m.String, "arm", "once", "the arm as URDF", latched=True)
+CLOCK = Topic("/clock", m.Clock, "arm", "50 Hz, and whenever the arm waits for a permit", "session time")
+ARM_STATUS = Topic("/arm/status", m.ArmStatus, "arm", "on change", "mode and activity of the arm", latched=True)
+ATTEMPT = Topic("/attempt", m.Attempt, "arm", "per attempt", "what the arm felt at a candidate")
+TRUTH = Topic("/truth", m.Truth, "arm", "per search, simulation only", "where hole and pins really are", hidden=True)
+
+OSSD = Topic("/safety/ossd", m.Ossd, "light_curtain", "per clock", "the light curtain's two outputs")
+RESET = Topic("/safety/reset", m.Reset, "any", "per press", "the restart button")
+PERMIT = Topic("/safety/permit", m.Permit, "interlock", "per OSSD message", "whether the arm may move, and until when")
+
+SEARCH_GOAL = Topic("/search/goal", m.SearchGoal, "assembly", "per search", "find this hole for this part")
+CANDIDATE = Topic("/search/candidate", m.Candidate, "strategy", "per attempt", "the next position to try")
+SEARCH_RESULT = Topic("/search/result", m.SearchResult, "assembly", "per search", "how a search ended")
+BELIEF = Topic("/posterior/belief", m.Belief, "posterior", "per search", "what is now believed about a hole")
+
+SESSION = Topic("/session/state", m.SessionState, "any", "on change", "phase of the session", latched=True)
+COUNTS = Topic("/session/counts", m.PublisherCounts, "any", "once, at close", "what each plugin has published")
+ROSOUT = Topic("/rosout", m.Log, "any", "on occasion", "log text of all plugins")
+
+ASK_BELIEF = Service("/posterior/ask", m.BeliefRequest, m.Belief, "posterior", "what is known about a hole")
+
+
+def topics() -> dict[str, Topic[Any]]:
+    """Every topic of the map by name."""
+    return dict(_topics)
