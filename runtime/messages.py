@@ -36,6 +36,7 @@ TransformStamped = ros.geometry_msgs__msg__TransformStamped
 TFMessage = ros.tf2_msgs__msg__TFMessage
 
 NANOSECONDS = 1_000_000_000
+BASE_FRAME = "base_link"
 
 
 @dataclass(frozen=True)
