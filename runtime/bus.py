@@ -123,6 +123,10 @@ class Publisher(Protocol, Generic[MessageT_contra]):
         """Publish at session time `stamp` [ns]. Waits rather than drops when receivers are slow."""
         ...
 
+    def send_raw(self, payload: bytes, stamp: int) -> None:
+        """Publish a message that is CDR already, as a recording holds it."""
+        ...
+
 
 class Bus(Protocol):
     """What every transport offers. One instance belongs to one plugin."""

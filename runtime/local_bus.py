@@ -54,8 +54,12 @@ class LocalPublisher(Generic[MessageT]):
 
     def send(self, message: MessageT, stamp: int) -> None:
         """Publish at session time `stamp` [ns]."""
+        self.send_raw(encode(message), stamp)
+
+    def send_raw(self, payload: bytes, stamp: int) -> None:
+        """Publish a message that is CDR already."""
         self.sent += 1
-        envelope = Envelope(self.topic.name, self._type, encode(message), stamp, self.sent, self._identity)
+        envelope = Envelope(self.topic.name, self._type, payload, stamp, self.sent, self._identity)
         self._exchange.deliver(envelope, self.topic.latched)
 
 

@@ -116,10 +116,14 @@ class ZenohPublisher(Generic[MessageT]):
 
     def send(self, message: MessageT, stamp: int) -> None:
         """Publish at session time `stamp` [ns]."""
+        self.send_raw(encode(message), stamp)
+
+    def send_raw(self, payload: bytes, stamp: int) -> None:
+        """Publish a message that is CDR already."""
         self.sent += 1
         attachment = rmw_zenoh.Attachment(self.sent, stamp, self._identity).pack()
         try:
-            self._publisher.put(encode(message), attachment=attachment)
+            self._publisher.put(payload, attachment=attachment)
         except zenoh.ZError as error:
             raise BusError(f"{self.topic.name} could not be published: {error}") from None
 
