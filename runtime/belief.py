@@ -40,7 +40,9 @@ def gaussian(mean: ArrayLike, covariance: ArrayLike) -> Gaussian:
         raise InputError(f"a belief needs finite numbers, not mean {m.tolist()} and covariance {c.tolist()}")
     if np.linalg.eigvalsh(c)[0] < -1e-9 * max(np.trace(c), 0.0):
         raise InputError(f"a covariance needs eigenvalues of zero or more: {c.tolist()} has a negative one")
-    return Gaussian(x=float(m[0]), y=float(m[1]), xx=float(c[0, 0]), xy=float((c[0, 1] + c[1, 0]) / 2), yy=float(c[1, 1]))
+    return Gaussian(
+        x=float(m[0]), y=float(m[1]), xx=float(c[0, 0]), xy=float((c[0, 1] + c[1, 0]) / 2), yy=float(c[1, 1])
+    )
 
 
 def isotropic(mean: ArrayLike, width: float) -> Gaussian:
@@ -96,9 +98,7 @@ def maximum_a_posteriori(points: ArrayLike, prior: Gaussian, mean_count: float, 
     centred, shift = p - average, average - mean_of(prior)
     total = mean_count + m
     scatter = (
-        covariance_count * covariance_of(prior)
-        + centred.T @ centred
-        + mean_count * m / total * np.outer(shift, shift)
+        covariance_count * covariance_of(prior) + centred.T @ centred + mean_count * m / total * np.outer(shift, shift)
     )
     return gaussian((mean_count * mean_of(prior) + m * average) / total, scatter / (covariance_count + m))
 

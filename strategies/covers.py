@@ -1,0 +1,95 @@
+"""Discs that together are likely to hold the hole: gradient ascent on the paper's Eq. 45, and what is tried after them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from runtime.belief import Array, covariance_of, disc_mass, disc_mass_gradient, mean_of
+from runtime.messages import Gaussian
+from strategies.patterns import Offset, lattice
+
+_STEPS = 120  # of ascent; the covers have settled to a twentieth of a radius by then
+_GOLDEN_ANGLE = math.pi * (3 - math.sqrt(5))  # [rad]
+_MILLIMETRE = 1e-3  # [m]
+
+
+def plan_covers(
+    belief: Gaussian, radius: float, count: int, repulsion: float, reach: float, *, literal: bool = False
+) -> tuple[Array, Array]:
+    """Centres (count, 2) [m] of discs that may hold the hole, most probable first, and their probabilities (count,).
+
+    Gradient ascent on F = sum_i Phi_i (Eq. 47) with Phi_i = phi(m_i) plus a term between each pair of covers:
+
+    corrected: -repulsion / (n - 1) * max((2 radius)^2 - d^2, 0): covers push each other while they overlap.
+    literal (Eq. 45): +repulsion / (n - 1) * max(d^2 - radius, 0): the sign makes covers flee that are already apart and
+    leaves overlapping ones alone, F has no bound, and a length is taken from an area; the numbers are read in mm.
+
+    `repulsion` is lambda [1/m^2], `reach` [m] how far from nominal a centre may lie: centres are moved back onto it.
+    The ascent starts from a sunflower of discs stretched like the belief; it draws no random numbers.
+    """
+    step = 1.0 / (8 * repulsion + _sharpness(belief, radius))
+    pair_weight = 4 * repulsion / max(count - 1, 1)  # each pair is in F twice, and d^2 has a derivative of 2 d
+    centres = _inside(_sunflower(belief, radius, count), reach)
+    for _ in range(_STEPS):
+        apart = centres[:, None, :] - centres  # (n, n, 2)
+        squared = np.einsum("ijk,ijk->ij", apart, apart)
+        active = squared > radius * _MILLIMETRE if literal else squared < 4 * radius**2
+        push = pair_weight * np.einsum("ij,ijk->ik", active.astype(float), apart)
+        centres = _inside(centres + step * (disc_mass_gradient(belief, centres, radius) + push), reach)
+    probabilities = disc_mass(belief, centres, radius)
+    order = np.argsort(-probabilities, kind="stable")
+    return centres[order], probabilities[order]
+
+
+def sweep(centre: Offset, tried: Sequence[Offset], radius: float, reach: float) -> Iterator[Offset]:
+    """What remains once the covers have run out: the whole disc of `reach` [m] about nominal, nearest `centre` first.
+
+    Two passes over a triangular lattice of 1.5 radii: one for discs of the radius stated, one for discs of half of it,
+    for parts that fit less well. A point is left out if the discs already tried cover its hexagonal cell. Bounded:
+    a pass has at most 2 (reach + |centre|)^2 / radius^2 points.
+    """
+    done = list(tried)
+    for size in (radius, radius / 2):
+        spacing = 1.5 * size
+        angles = math.pi / 6 + math.pi / 3 * np.arange(6)
+        corners = spacing / math.sqrt(3) * np.stack([np.cos(angles), np.sin(angles)], axis=1)
+        cell = np.concatenate([np.zeros((1, 2)), corners, corners / 2, (corners + np.roll(corners, 1, axis=0)) / 2])
+        for dx, dy in lattice(spacing, reach + math.hypot(*centre)):
+            x, y = centre[0] + dx, centre[1] + dy
+            if math.hypot(x, y) > reach or _covered(cell + (x, y), done, size):
+                continue
+            done.append((x, y))
+            yield x, y
+
+
+def _covered(points: Array, tried: Sequence[Offset], radius: float) -> bool:
+    if not tried:
+        return False
+    apart = points[:, None, :] - np.asarray(tried)
+    return bool((np.einsum("ijk,ijk->ij", apart, apart).min(axis=1) <= radius**2).all())
+
+
+def _sharpness(belief: Gaussian, radius: float) -> float:
+    """Greatest curvature of the disc mass, nearly [1/m^2]: the ascent is stable below two steps of its inverse."""
+    narrow = max(float(np.linalg.eigvalsh(covariance_of(belief))[0]), 0.0)
+    peak = float(disc_mass(belief, mean_of(belief), radius)[0])
+    return peak / (narrow + radius**2 / 4)
+
+
+def _sunflower(belief: Gaussian, radius: float, count: int) -> Array:
+    """Evenly spread points (count, 2) [m] about the mean, dense enough that discs of `radius` just cover."""
+    index = np.arange(count)
+    distance = radius * np.sqrt(1.5 * math.sqrt(3) / math.pi * index)  # a hexagon inscribed in the disc for each point
+    flower = np.stack([np.cos(_GOLDEN_ANGLE * index), np.sin(_GOLDEN_ANGLE * index)], axis=1) * distance[:, None]
+    variances, axes = np.linalg.eigh(covariance_of(belief))
+    narrow, wide = np.sqrt(np.maximum(variances, (radius / 2) ** 2))
+    stretch = min(math.sqrt(wide / narrow), 2.0)
+    return np.asarray(mean_of(belief) + (flower * (1 / stretch, stretch)) @ axes.T)
+
+
+def _inside(points: Array, reach: float) -> Array:
+    distance = np.linalg.norm(points, axis=1, keepdims=True)
+    return np.asarray(points * np.minimum(1.0, 0.999999 * reach / np.maximum(distance, 1e-12)))
