@@ -1,0 +1,1 @@
+"""Devices of a cell, real or simulated."""

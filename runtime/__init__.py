@@ -1,0 +1,1 @@
+"""What every cell needs: messages, bus, configuration, launching, recording, replay, view, safety, belief."""

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from runtime import topics
 from runtime.bus import Envelope, Publisher
 from runtime.cell import Hole
-from runtime.component import component
+from runtime.component import component, feasible_radius
 from runtime.config import Cell, seed_for
 from runtime.context import Context
 from runtime.messages import (
@@ -63,14 +63,12 @@ class Assembly:
         if not _wait_for_start(context):
             return
         cell = context.cell
+        past = _ask(context, BeliefRequest(cell.board.holes[0].name, 0, 0)).seats
+        first_board = 1 + max((seat.board for seat in past), default=0)
         last = 0
-        first_board = 0
-        for count in range(cell.boards):
+        for board in range(first_board, first_board + cell.boards):
             for index, hole in enumerate(cell.board.holes):
-                belief = context.bus.request(topics.ASK_BELIEF, BeliefRequest(hole.name, last), ASK_TIMEOUT)
-                if first_board == 0:
-                    first_board = 1 + max((seat.board for seat in belief.seats), default=0)
-                board = first_board + count
+                belief = _ask(context, BeliefRequest(hole.name, board, last))
                 last = (board - 1) * len(cell.board.holes) + index + 1
                 goal = goal_for(cell, hole, belief, board, last, context.clock.now)
                 goals.send(goal, context.clock.now)
@@ -78,6 +76,10 @@ class Assembly:
                     return
         now = context.clock.now
         session.send(SessionState(header(now), context.session, Phase.DONE, "all boards are done"), now)
+
+
+def _ask(context: Context, question: BeliefRequest) -> Belief:
+    return context.bus.request(topics.ASK_BELIEF, question, ASK_TIMEOUT)
 
 
 def goal_for(cell: Cell, hole: Hole, belief: Belief, board: int, search: int, now: int) -> SearchGoal:
@@ -95,7 +97,7 @@ def goal_for(cell: Cell, hole: Hole, belief: Belief, board: int, search: int, no
             # tool z points down: half a turn about x, then the part's orientation about the board's normal
             orientation=Quaternion(x=math.cos(yaw / 2), y=math.sin(yaw / 2), z=0.0, w=0.0),
         ),
-        feasible_radius=part.feasible_radius,
+        feasible_radius=feasible_radius(part),
         search_radius=cell.search.radius,
         max_attempts=cell.search.max_attempts,
         seed=seed_for(cell.seed, f"search {search}"),
@@ -106,9 +108,10 @@ def goal_for(cell: Cell, hole: Hole, belief: Belief, board: int, search: int, no
 
 def _wait_for_start(context: Context) -> bool:
     for item in context.arrivals():
-        if isinstance(item, Envelope) and item.topic == topics.SESSION.name:
-            if item.read(topics.SESSION).phase == Phase.RUNNING:
-                return True
+        if not (isinstance(item, Envelope) and item.topic == topics.SESSION.name):
+            continue
+        if item.read(topics.SESSION).phase == Phase.RUNNING:
+            return True
     return False
 
 

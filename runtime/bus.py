@@ -136,7 +136,7 @@ class Bus(Protocol):
         ...
 
     def subscribe(self, *topics: Topic[Any]) -> None:
-        """Let messages of these topics arrive in `inbox`. Raises BusError for a topic that is hidden from the plugin."""
+        """Let messages of these topics arrive in `inbox`. Raises BusError for one that is hidden from the plugin."""
         ...
 
     def subscribe_all(self) -> None:

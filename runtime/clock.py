@@ -1,7 +1,7 @@
 """Session time. The only file that reads or sleeps on the machine's clock.
 
-In simulation the arm's controller is the source of session time, and every other plugin's clock is the latest stamp that
-reached it: a decision takes no session time, so it cannot depend on how fast the machine was.
+In simulation the arm's controller is the source of session time, and every other plugin's clock is the latest stamp
+that reached it: a decision takes no session time, so it cannot depend on how fast the machine was.
 """
 
 from __future__ import annotations

@@ -1,12 +1,12 @@
 """The cell file (TOML) as typed, validated values. Cell files that ship with palpate are found by their bare name.
 
-    robot = "mujoco_ur3e"      # a driver
-    strategy = "meta"
-    component = "igbt"
+robot = "mujoco_ur3e"      # a driver
+strategy = "meta"
+component = "igbt"
 
-    [board]
-    type = "inverter-9"
-    holes = [{ name = "1", x = "-30 mm", y = "-30 mm", orientation = "0 deg" }]
+[board]
+type = "inverter-9"
+holes = [{ name = "1", x = "-30 mm", y = "-30 mm", orientation = "0 deg" }]
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What a running plugin has at hand: its bus, session time, the cell as far as it may know it, and a way to say things."""
+"""What a running plugin has at hand: its bus, session time, the cell as far as it may know it, and a voice."""
 
 from __future__ import annotations
 

@@ -1,13 +1,13 @@
 """The errors a user of palpate can meet: what was wrong, where, and what exists instead.
 
-    PalpateError
-    ├── InputError     the user gave something that cannot work; the command line exits with 2
-    │   ├── CellError      a cell file
-    │   ├── PluginError    a plugin or strategy that is not installed
-    │   └── LogError       a recorded log that cannot be read
-    └── SessionError   a session failed while it ran; the command line exits with 1
-        ├── BusError       a message or request did not arrive
-        └── ArmError       the arm cannot do what was asked
+PalpateError
+├── InputError     the user gave something that cannot work; the command line exits with 2
+│   ├── CellError      a cell file
+│   ├── PluginError    a plugin or strategy that is not installed
+│   └── LogError       a recorded log that cannot be read
+└── SessionError   a session failed while it ran; the command line exits with 1
+    ├── BusError       a message or request did not arrive
+    └── ArmError       the arm cannot do what was asked
 """
 
 from __future__ import annotations

@@ -6,8 +6,8 @@
     TRIPPED    LOCKED              TRIPPED          FAULT                -                 TRIPPED
     FAULT      FAULT               FAULT            FAULT                LOCKED            FAULT
 
-It begins TRIPPED: nothing is known of the field yet. Motion is permitted in PERMITTED alone, and only a reset given while
-the field is clear leads there (restart interlock).
+It begins TRIPPED: nothing is known of the field yet. Motion is permitted in PERMITTED alone, and only a reset given
+while the field is clear leads there (restart interlock).
 """
 
 from __future__ import annotations

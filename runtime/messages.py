@@ -241,6 +241,7 @@ class BeliefRequest:
     """Ask the posterior store what is known about a hole."""
 
     hole: Text
+    board: UInt32  # number of the board under work; 0 if none is yet
     after_search: UInt32  # answer once this search's result is stored; 0 asks at once
 
     __msgtype__: ClassVar[str]

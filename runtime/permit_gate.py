@@ -1,9 +1,9 @@
 """The arm's side of the interlock: no fresh permit, no motion.
 
-The simulation runs in lockstep with the interlock. Every word from the interlock holds for a stretch of session time; the
-gate announces session time on /clock, and holds simulated time back rather than run past the last word. A curtain that can
-vouch for its near future lets the simulation run far ahead of the messages, and still stop in the very cycle in which the
-beam breaks.
+The simulation runs in lockstep with the interlock. Every word from the interlock holds for a stretch of session time;
+the gate announces session time on /clock, and holds simulated time back rather than run past the last word. A curtain
+that can vouch for its near future lets the simulation run far ahead of the messages, and still stop in the very cycle
+in which the beam breaks.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from runtime.messages import Clock, Permit, nanoseconds_of, stamp_of
 from runtime.topics import PERMIT
 
 TICK = 20_000_000  # [ns] of session time between ticks of /clock
-PATIENCE = 15.0  # [s] of machine time without a word before the interlock counts as lost: a loaded machine is slow, not unsafe
+PATIENCE = 15.0  # [s] of machine time without a word until the interlock counts as lost; a busy machine is just slow
 
 
 @dataclass
@@ -67,7 +67,7 @@ class PermitGate:
         self.clock.send(Clock(clock=stamp_of(now)), now)
 
     def _wait_for_word(self, now: int) -> bool:
-        """Hold session time until the interlock has spoken for `now`; False if it stays silent or the cell is closing."""
+        """Hold session time until the interlock has spoken for `now`; False if it is silent or the cell is closing."""
         if self._ticked != now:
             self._tick(now)
         silence = Stopwatch()

@@ -72,14 +72,16 @@ class _Desk:
                 cell.board.type, result, session=self.context.session, attempts=attempts, scope=cell.posterior.scope
             )
             self.stored = result.search
-            self.beliefs.send(self._belief(result.hole), self.context.clock.now)
+            self.beliefs.send(self._belief(result.hole, result.board), self.context.clock.now)
         while self.questions and self.questions[0].read(ASK_BELIEF).after_search <= self.stored:
             question = self.questions.popleft()
             asked: BeliefRequest = question.read(ASK_BELIEF)
-            question.reply(self._belief(asked.hole))
+            question.reply(self._belief(asked.hole, asked.board))
 
-    def _belief(self, hole: str) -> Belief:
+    def _belief(self, hole: str, board: int) -> Belief:
         cell = self.context.cell
         seats = self.store.seats(cell.board.type, cell.component, scope=cell.posterior.scope)
-        distribution, count = belief_about(hole, seats, cell.search.prior_width)
+        distribution, count = belief_about(
+            hole, seats, cell.search.prior_width, session=self.context.session, board=board
+        )
         return Belief(header(self.context.clock.now), cell.board.type, hole, count, distribution, seats)

@@ -30,7 +30,7 @@ UNITS: dict[str, dict[str, float]] = {
     "mass": {"kg": 1.0, "g": 1e-3},
     "stiffness": {"N/m": 1.0, "N/mm": 1e3},
     "frequency": {"Hz": 1.0},
-    "inverse area": {"1/m2": 1.0, "1/mm2": 1e6},
+    "inverse area": {"m^-2": 1.0, "mm^-2": 1e6},
 }
 
 
@@ -53,7 +53,9 @@ def _reader(dimension: str) -> Callable[[Any], float]:
     def read(value: Any) -> float:
         if not isinstance(value, str):
             raise PydanticCustomError(
-                "quantity", "{value} has no unit; write it as text with one, such as {example}", {"value": repr(value), "example": example}
+                "quantity",
+                "{value} has no unit; write it as text with one, such as {example}",
+                {"value": repr(value), "example": example},
             )
         try:
             return parse(value, dimension)

@@ -1,7 +1,7 @@
 """How ROS 2 names things on Zenoh, so that a ROS 2 node sees a cell with no bridge between.
 
-Source: docs/design.md, rmw_publisher_data.cpp, attachment_helpers.cpp and liveliness_utils.cpp of ros2/rmw_zenoh (jazzy).
-Pure functions; nothing here touches a network.
+Source: docs/design.md, rmw_publisher_data.cpp, attachment_helpers.cpp and liveliness_utils.cpp of ros2/rmw_zenoh
+(jazzy). Pure functions; nothing here touches a network.
 """
 
 from __future__ import annotations
@@ -67,14 +67,13 @@ def node_tokens(domain: int = DOMAIN) -> str:
     return f"@ros2_lv/{domain}/*/*/*/NN/%/%/*"
 
 
-def entity_token(
-    kind: str, session_id: str, entity: int, node: str, topic: Topic[Any], domain: int = DOMAIN
-) -> str:
+def entity_token(kind: str, session_id: str, entity: int, node: str, topic: Topic[Any], domain: int = DOMAIN) -> str:
     """Liveliness token of a publisher (`MP`) or subscriber (`MS`)."""
     ros_type = type_name(topic.type)
     qos = QOS_LATCHED if topic.latched else QOS_DEFAULT
     name = topic.name.replace("/", "%")
-    return f"@ros2_lv/{domain}/{session_id}/0/{entity}/{kind}/%/%/{node}/{name}/{mangled(ros_type)}/{type_hash(ros_type)}/{qos}"
+    who = f"{session_id}/0/{entity}/{kind}/%/%/{node}"
+    return f"@ros2_lv/{domain}/{who}/{name}/{mangled(ros_type)}/{type_hash(ros_type)}/{qos}"
 
 
 def identity(token: str) -> bytes:

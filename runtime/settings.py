@@ -1,4 +1,4 @@
-"""Tables of a cell file as frozen dataclasses: key, type, unit and range are checked, and the first error names its place."""
+"""Tables of a cell file as frozen dataclasses: key, type, unit and range are checked, and an error names its place."""
 
 from __future__ import annotations
 

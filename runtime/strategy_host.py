@@ -73,7 +73,8 @@ class SearchSession:
         return self._next(attempt)
 
     def _next(self, attempt: Attempt | None) -> Candidate:
-        assert self.goal is not None and self.search is not None
+        assert self.goal is not None
+        assert self.search is not None
         try:
             proposal = next(self.search) if attempt is None else self.search.send(attempt)
         except StopIteration:

@@ -23,8 +23,10 @@ from runtime.topics import ReplyT, RequestT, Service, Topic
 
 DEFAULT_PORT = 7447  # the router port of rmw_zenoh
 LOOPBACK = "127.0.0.1"
-_CONNECT_TIMEOUT = 10_000  # [ms]
-_BLOCKED_FOR = 60_000_000  # [us] a slow receiver may hold a sender up before the transport gives up; zenoh's default is 5 s
+CONNECT_TIMEOUT = 10.0  # [s]
+_BLOCKED_FOR = (
+    60_000_000  # [us] a slow receiver may hold a sender up before the transport gives up; zenoh's default is 5 s
+)
 
 
 def _config(settings: dict[str, Any]) -> zenoh.Config:
@@ -131,7 +133,13 @@ class ZenohPublisher(Generic[MessageT]):
 class ZenohBus:
     """One plugin's session with the cell's router."""
 
-    def __init__(self, role: str, port: int = DEFAULT_PORT, domain: int = rmw_zenoh.DOMAIN) -> None:
+    def __init__(
+        self,
+        role: str,
+        port: int = DEFAULT_PORT,
+        domain: int = rmw_zenoh.DOMAIN,
+        patience: float = CONNECT_TIMEOUT,  # [s] for the router to answer
+    ) -> None:
         self.inbox = Inbox()
         self.malformed = 0  # messages whose key or attachment could not be read, and were dropped
         self._role = role
@@ -144,7 +152,7 @@ class ZenohBus:
                     {
                         "mode": "client",
                         "connect/endpoints": [f"tcp/{LOOPBACK}:{port}"],
-                        "connect/timeout_ms": _CONNECT_TIMEOUT,
+                        "connect/timeout_ms": round(patience * 1000),
                         "listen/endpoints": [],
                     }
                 )

@@ -1,0 +1,234 @@
+"""The command line: palpate launch | replay | view | plugins | bench.
+
+Only the standard library is imported here; each command imports what it needs.
+Exit codes: 0 done, 1 the job failed, 2 the input is wrong, 130 interrupted.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import os
+import signal
+import sys
+from collections.abc import Callable, Sequence
+from typing import NoReturn
+
+Command = Callable[[argparse.Namespace], int]
+
+DESCRIPTION = """\
+palpate finds the hole by touch: a robot cell that inserts through-hole parts into circuit
+boards without a camera, learns where the holes really are, and records all of it."""
+
+EXAMPLES = {
+    "palpate": """\
+examples:
+  palpate launch                                  nine IGBTs into one board, meta search, simulated UR3e
+  palpate launch --strategy spiral --boards 3     another strategy, three boards
+  palpate view logs/20261122-151233.mcap          look at a session in Rerun""",
+    "launch": """\
+examples:
+  palpate launch                                    the igbt cell, as fast as the machine allows
+  palpate launch capacitor --strategy spiral        another cell, another strategy
+  palpate launch --boards 10 --fresh                forget what was learnt, then ten boards
+  palpate launch my-cell.toml --rate 1.0 --rerun spawn   your own cell, in real time, watched live
+
+The log goes to logs/<session>.mcap; what was learnt stays in logs/posterior.sqlite3.""",
+    "replay": """\
+examples:
+  palpate replay logs/20261122-151233.mcap                    publish it again with the recorded timing
+  palpate replay logs/x.mcap --rate 5 --topics '/attempt' '/search/*'   five times as fast, some topics""",
+    "view": """\
+examples:
+  palpate view logs/20261122-151233.mcap                       open it in Rerun
+  palpate view logs/x.mcap --rerun web                         in a browser
+  palpate view logs/x.mcap --rerun save --output x.rrd         write a file that `rerun x.rrd` opens""",
+    "plugins": """\
+examples:
+  palpate plugins""",
+    "bench": """\
+examples:
+  palpate bench sim                               real-time factors of physics, controller and whole cell
+  palpate bench sim --cell capacitor --json figures.json""",
+}
+
+
+class _Parser(argparse.ArgumentParser):
+    """Errors in one line, with exit code 2."""
+
+    def error(self, message: str) -> NoReturn:
+        self.exit(2, f"palpate: {message}; see '{self.prog} --help'\n")
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = _make(None, "palpate", DESCRIPTION)
+    parser.add_argument("--version", action="store_true", help="print the version and exit")
+    commands = parser.add_subparsers(dest="command", metavar="COMMAND", parser_class=_Parser)
+
+    launch = _make(commands, "launch", "run a cell: insert boards, record the session")
+    launch.add_argument(
+        "cell",
+        nargs="?",
+        default="igbt",
+        metavar="CELL",
+        help="a cell file, or the name of one that ships with palpate (default: igbt)",
+    )
+    launch.add_argument("--strategy", metavar="NAME", help="meta, linear, spiral, hybrid, or another that is installed")
+    launch.add_argument("--component", metavar="NAME", help="igbt or capacitor")
+    launch.add_argument("--boards", type=int, metavar="N", help="how many boards to work through")
+    launch.add_argument("--seed", type=int, metavar="S", help="of the simulated world and of every random draw")
+    launch.add_argument("--rate", metavar="RATE", help="max, or session seconds per second: 1.0 is real time")
+    launch.add_argument(
+        "--rerun",
+        choices=("auto", "spawn", "web", "save", "off"),
+        default="auto",
+        help="watch live in Rerun: in a window, in a browser, or saved to a file; auto: a window if there is a display",
+    )
+    launch.add_argument("--fresh", action="store_true", help="forget what was learnt of this board type before")
+    launch.add_argument(
+        "--port", type=int, metavar="PORT", help="of the cell's Zenoh router on loopback (default: 7447)"
+    )
+    launch.add_argument(
+        "--logs", default="logs", metavar="DIR", help="where logs and the posterior store go (default: logs)"
+    )
+
+    replay = _make(commands, "replay", "publish a recorded session on Zenoh again, with its timing")
+    replay.add_argument("log", metavar="LOG", help="an .mcap file")
+    replay.add_argument("--rate", default="1.0", metavar="RATE", help="times the recorded speed, or max (default: 1.0)")
+    replay.add_argument(
+        "--topics", nargs="+", metavar="PATTERN", default=["*"], help="only these topics; * and ? match"
+    )
+    replay.add_argument(
+        "--port",
+        type=int,
+        default=7447,
+        metavar="PORT",
+        help="of the Zenoh router; one is started if none runs (default: 7447)",
+    )
+
+    view = _make(commands, "view", "look at a recorded session in Rerun")
+    view.add_argument("log", metavar="LOG", help="an .mcap file")
+    view.add_argument(
+        "--rerun",
+        choices=("spawn", "web", "save"),
+        default="spawn",
+        help="a window, a browser, or a file (default: spawn)",
+    )
+    view.add_argument(
+        "--output", metavar="FILE", help="where save writes (default: beside the log, with the ending .rrd)"
+    )
+
+    _make(commands, "plugins", "list what is installed, and what each is for")
+
+    bench = _make(commands, "bench", "measure on this machine")
+    bench.add_argument("what", choices=("sim",), help="sim: real-time factors of physics, controller and whole cell")
+    bench.add_argument("--cell", default="igbt", metavar="CELL", help="a cell file or a shipped name (default: igbt)")
+    bench.add_argument("--strategy", metavar="NAME", help="instead of the cell's own")
+    bench.add_argument("--seed", type=int, metavar="S", help="instead of the cell's own")
+    bench.add_argument("--port", type=int, metavar="PORT", help="of the cell's Zenoh router (default: 7447)")
+    bench.add_argument("--json", metavar="FILE", help="write the figures there as name: number")
+    return parser
+
+
+def _make(commands: argparse._SubParsersAction[_Parser] | None, name: str, text: str) -> argparse.ArgumentParser:
+    if commands is None:
+        return _Parser(
+            prog=name, description=text, epilog=EXAMPLES[name], formatter_class=argparse.RawDescriptionHelpFormatter
+        )
+    return commands.add_parser(
+        name,
+        help=text,
+        description=text[:1].upper() + text[1:] + ".",
+        epilog=EXAMPLES[name],
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+
+
+def _launch(arguments: argparse.Namespace) -> int:
+    from runtime.commands.launch import launch_command
+
+    return launch_command(arguments)
+
+
+def _replay(arguments: argparse.Namespace) -> int:
+    from runtime.commands.replay import replay_command
+
+    return replay_command(arguments)
+
+
+def _view(arguments: argparse.Namespace) -> int:
+    from runtime.commands.view import view_command
+
+    return view_command(arguments)
+
+
+def _plugins(arguments: argparse.Namespace) -> int:
+    from runtime.commands.plugins import plugins_command
+
+    return plugins_command(arguments)
+
+
+def _bench(arguments: argparse.Namespace) -> int:
+    from runtime.commands.bench import bench_command
+
+    return bench_command(arguments)
+
+
+COMMANDS: dict[str, Command] = {
+    "launch": _launch,
+    "replay": _replay,
+    "view": _view,
+    "plugins": _plugins,
+    "bench": _bench,
+}
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Entry point of the `palpate` command. Returns the exit code."""
+    parser = _parser()
+    try:
+        arguments = parser.parse_args(argv)
+    except SystemExit as ending:
+        return int(ending.code or 0)
+    if arguments.version:
+        from importlib.metadata import version
+
+        print(f"palpate {version('palpate')}")  # noqa: T201
+        return 0
+    if arguments.command is None:
+        parser.print_help()
+        return 2
+    return _run(COMMANDS[arguments.command], arguments)
+
+
+def _run(command: Command, arguments: argparse.Namespace) -> int:
+    signal.signal(signal.SIGTERM, _as_interrupt)
+    try:
+        return command(arguments)
+    except KeyboardInterrupt:
+        _complain("interrupted")
+        return 130
+    except BrokenPipeError:
+        # Whoever read our output has gone; nothing more can be said there.
+        with contextlib.suppress(OSError):
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 1
+    except Exception as error:
+        from runtime.errors import InputError, PalpateError
+
+        if isinstance(error, PalpateError):
+            _complain(str(error))
+            return 2 if isinstance(error, InputError) else 1
+        raise
+
+
+def _as_interrupt(_number: int, _frame: object) -> NoReturn:
+    raise KeyboardInterrupt
+
+
+def _complain(text: str) -> None:
+    print(f"palpate: {' '.join(text.split())}", file=sys.stderr)  # noqa: T201
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,71 @@
+"""Which plugin plays which part in a cell, and what each one is told."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from runtime import registry
+from runtime.config import Cell
+from runtime.errors import PluginError
+from runtime.plugin import Driver
+
+ARM = "arm"
+CURTAIN = "light_curtain"
+INTERLOCK = "interlock"
+STRATEGY = "strategy"
+POSTERIOR = "posterior"
+ASSEMBLY = "assembly"
+RECORDER = "recorder"
+VIEWER = "viewer"
+LAUNCHER = "launcher"
+
+# In this order they are asked to end: those that ask for work first, the recorder after everything it records.
+CLOSING_ORDER = (ASSEMBLY, STRATEGY, ARM, CURTAIN, INTERLOCK, POSTERIOR, VIEWER, RECORDER)
+
+
+@dataclass(frozen=True)
+class Assignment:
+    """What one process is told on its standard input."""
+
+    role: str
+    session: str
+    document: dict[str, Any]  # the cell file as this role may know it
+    where: str  # name of the cell file, for errors
+    port: int
+    domain: int
+    options: dict[str, Any] = field(default_factory=dict)  # for recorder, viewer and posterior
+
+
+def make(role: str, cell: Cell, where: str, options: dict[str, Any]) -> Driver:
+    """The plugin that plays a role. What it needs is imported here, in its own process."""
+    if role == ARM:
+        return registry.driver(cell.robot, cell.drivers.get(cell.robot, {}), where)
+    if role == CURTAIN:
+        return registry.driver(CURTAIN, cell.drivers.get(CURTAIN, {}), where)
+    if role == INTERLOCK:
+        from runtime.interlock_plugin import InterlockPlugin
+
+        return InterlockPlugin()
+    if role == STRATEGY:
+        from runtime.strategy_host import StrategyHost
+
+        return StrategyHost()
+    if role == ASSEMBLY:
+        from runtime.assembly import Assembly
+
+        return Assembly()
+    if role == POSTERIOR:
+        from runtime.posterior import Posterior
+
+        return Posterior(path=Path(options["path"]), fresh=options["fresh"])
+    if role == RECORDER:
+        from runtime.recorder import Recorder
+
+        return Recorder(path=Path(options["path"]), metadata=options["metadata"], attachments=options["attachments"])
+    if role == VIEWER:
+        from runtime.viewer import Viewer
+
+        return Viewer(mode=options["mode"], path=Path(options["path"]) if options["path"] else None)
+    raise PluginError(f"no plugin plays the role {role!r}; known: {', '.join(CLOSING_ORDER)}")

@@ -1,0 +1,62 @@
+"""Fixtures that several tests share."""
+
+from __future__ import annotations
+
+import socket
+from collections.abc import Callable, Iterator
+
+import pytest
+
+from runtime.bus import Bus
+from runtime.local_bus import LocalBus, LocalExchange
+from runtime.zenoh_bus import ZenohBus, ZenohRouter
+
+MakeBus = Callable[[str], Bus]
+
+
+def unused_port() -> int:
+    """A port on loopback that nobody listens on."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+@pytest.fixture
+def free_port() -> int:
+    return unused_port()
+
+
+class Meeting:
+    """Buses that can talk to each other, with a way to wait until all of them are declared."""
+
+    def __init__(self, make: MakeBus, wait_for: Callable[[set[str], float], set[str]]) -> None:
+        self._make = make
+        self._wait_for = wait_for
+        self._roles: set[str] = set()
+        self.buses: list[Bus] = []
+
+    def join(self, role: str) -> Bus:
+        bus = self._make(role)
+        self._roles.add(role)
+        self.buses.append(bus)
+        return bus
+
+    def begin(self) -> None:
+        """Let every bus announce itself, and wait until all are known."""
+        for bus in self.buses:
+            bus.announce()
+        assert self._wait_for(self._roles, 20.0) == set()
+
+
+@pytest.fixture(params=["local", "zenoh"])
+def meeting(request: pytest.FixtureRequest) -> Iterator[Meeting]:
+    if request.param == "local":
+        exchange = LocalExchange()
+        yield Meeting(lambda role: LocalBus(exchange, role), exchange.wait_for)
+        return
+    port = unused_port()
+    with ZenohRouter(port) as router:
+        made = Meeting(lambda role: ZenohBus(role, port), router.wait_for)
+        yield made
+        for bus in made.buses:
+            bus.close()
