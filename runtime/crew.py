@@ -1,0 +1,113 @@
+"""The processes of a cell: started together, watched, ended in order."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from types import TracebackType
+from typing import IO, Self
+
+from runtime.clock import Stopwatch
+from runtime.errors import SessionError
+from runtime.roles import CLOSING_ORDER, Assignment
+
+START_TIMEOUT = 120.0  # [s] for all plugins to report; a busy machine imports slowly
+CLOSE_TIMEOUT = 20.0  # [s] for one plugin to end in good order before it is killed
+
+
+@dataclass
+class Process:
+    """A plugin's process."""
+
+    role: str
+    popen: subprocess.Popen[str]
+    errors: IO[bytes]
+
+    @property
+    def last_words(self) -> str:
+        """The last line the process wrote to its standard error."""
+        self.errors.seek(0)
+        lines = self.errors.read().decode(errors="replace").strip().splitlines()
+        return lines[-1] if lines else f"ended with code {self.popen.returncode}"
+
+    def end(self, timeout: float) -> bool:
+        """Ask the process to end by closing its input; kill it after `timeout` seconds. True if it ended by itself."""
+        if self.popen.stdin is not None:
+            with contextlib.suppress(BrokenPipeError):
+                self.popen.stdin.close()
+        try:
+            self.popen.wait(timeout)
+        except subprocess.TimeoutExpired:
+            self.popen.kill()
+            self.popen.wait()
+            return False
+        return True
+
+
+class Crew:
+    """The processes of a cell."""
+
+    def __init__(self) -> None:
+        self._processes: dict[str, Process] = {}
+        self._files = contextlib.ExitStack()  # where the processes write their errors
+
+    def start(self, assignment: Assignment) -> None:
+        """Start one plugin."""
+        errors = self._files.enter_context(tempfile.TemporaryFile())  # noqa: SIM115 - closed with the crew
+        popen = subprocess.Popen(
+            [sys.executable, "-P", "-m", "runtime.host"],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.DEVNULL,
+            stderr=errors,
+            text=True,
+            start_new_session=True,  # Ctrl-C reaches the launcher alone
+            env={**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"},  # plugins share the cores
+        )
+        self._processes[assignment.role] = Process(assignment.role, popen, errors)
+        assert popen.stdin is not None
+        with contextlib.suppress(BrokenPipeError):  # `check` tells why it died
+            popen.stdin.write(json.dumps(asdict(assignment)) + "\n")
+            popen.stdin.flush()
+
+    def check(self) -> None:
+        """Raise SessionError if a plugin has ended."""
+        for process in self._processes.values():
+            if process.popen.poll() is not None:
+                raise SessionError(f"{process.role}: {process.last_words}")
+
+    def wait_until_ready(self, wait_for: Callable[[set[str], float], set[str]]) -> None:
+        """Wait until all have announced themselves. Raises SessionError if one ends before, or it takes too long."""
+        waited = Stopwatch()
+        while missing := wait_for(set(self._processes), 0.2):
+            self.check()
+            if waited.seconds > START_TIMEOUT:
+                raise SessionError(f"not ready within {START_TIMEOUT:g} s: {', '.join(sorted(missing))}")
+
+    def close(self, all_but: str = "") -> None:
+        """End the processes, in order. Raises SessionError for those that had to be killed, once all have ended."""
+        killed = []
+        for role in CLOSING_ORDER:
+            process = self._processes.get(role)
+            if process is not None and role != all_but:
+                del self._processes[role]
+                if not process.end(CLOSE_TIMEOUT):
+                    killed.append(role)
+        if killed:
+            raise SessionError(f"had to be killed: {', '.join(killed)}")
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        for process in self._processes.values():
+            process.popen.kill()
+            process.popen.wait()
+        self._files.close()

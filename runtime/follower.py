@@ -1,0 +1,105 @@
+"""Starts a session as an operator would, follows it on the bus, and says when it closes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from runtime.bus import Bus, Envelope
+from runtime.clock import Stopwatch
+from runtime.messages import NANOSECONDS, Phase, PublisherCounts, Reset, SearchResult, SessionState, header
+from runtime.roles import LAUNCHER
+from runtime.topics import ATTEMPT, COUNTS, PERMIT, RESET, SEARCH_RESULT, SESSION
+
+
+@dataclass
+class Progress:
+    """How far a session is, for whoever shows it."""
+
+    searches: int
+    done: int = 0
+    attempts: int = 0
+    board: int = 0
+    hole: str = ""
+    session_time: float = 0.0  # [s]
+    permitted: bool = True
+
+
+@dataclass
+class Session:
+    """A session that ended: what came out, and where it is recorded."""
+
+    name: str
+    log: Path
+    results: list[SearchResult] = field(default_factory=list)
+    duration: float = 0.0  # session time [s]
+    machine_time: float = 0.0  # [s] from the first permit to the last result
+    interrupted: bool = False
+
+
+class Follower:
+    """The launcher's own voice and ear on the bus."""
+
+    def __init__(
+        self,
+        bus: Bus,
+        check: Callable[[], None],  # raises if a plugin has ended
+        session: Session,
+        searches: int,
+        show: Callable[[Progress], None],
+    ) -> None:
+        self._bus = bus
+        self._check = check
+        self._session = session
+        self._progress = Progress(searches)
+        self._show = show
+        self._now = 0  # session time [ns]
+        self._resets = bus.publisher(RESET)
+        self._states = bus.publisher(SESSION)
+        self._counts = bus.publisher(COUNTS)
+        bus.subscribe(PERMIT, SEARCH_RESULT, ATTEMPT, SESSION)
+        bus.announce()
+
+    def say(self, phase: Phase, text: str) -> None:
+        """Publish the phase of the session."""
+        self._states.send(SessionState(header(self._now), self._session.name, phase, text), self._now)
+
+    def count(self) -> None:
+        """Tell the recorder how much this process has published."""
+        self._counts.send(PublisherCounts(header(self._now), LAUNCHER, self._bus.counts()), self._now)
+
+    def follow(self) -> None:
+        """Start the session as an operator would, by a reset, and follow it until its job is done."""
+        self.say(Phase.STARTING, "waiting for the first permit")
+        started = False
+        watch = Stopwatch()
+        while True:
+            item = self._bus.inbox.receive(timeout=0.2)
+            self._check()
+            if not isinstance(item, Envelope):
+                continue
+            self._now = max(self._now, item.stamp)
+            self._progress.session_time = self._now / NANOSECONDS
+            if item.topic == PERMIT.name:
+                permit = item.read(PERMIT)
+                self._progress.permitted = permit.granted
+                if not started and permit.granted:
+                    started = True
+                    watch = Stopwatch()
+                    self.say(Phase.RUNNING, "")
+                elif not started:
+                    self._resets.send(Reset(header(self._now), LAUNCHER), self._now)
+            elif item.topic == ATTEMPT.name:
+                attempt = item.read(ATTEMPT)
+                self._progress.attempts += 1
+                self._progress.board, self._progress.hole = attempt.board, attempt.hole
+            elif item.topic == SEARCH_RESULT.name:
+                self._session.results.append(item.read(SEARCH_RESULT))
+                self._progress.done += 1
+                self._session.duration = self._now / NANOSECONDS
+                self._session.machine_time = watch.seconds
+            elif item.topic == SESSION.name and item.read(SESSION).phase == Phase.DONE:
+                self._show(self._progress)
+                return
+            self._show(self._progress)
