@@ -32,7 +32,7 @@ _HOLE_FACTORS = ((1.0, 0.85), (3.0, 0.15))  # how much more this hole's parts sc
 
 
 def gaussian(mean: ArrayLike, covariance: ArrayLike) -> Gaussian:
-    """A belief with this mean (2,) [m] and covariance (2, 2) [m^2]. InputError unless finite and positive semidefinite."""
+    """A belief with mean (2,) [m] and covariance (2, 2) [m^2]. InputError unless finite and positive semidefinite."""
     m, c = np.asarray(mean, dtype=float), np.asarray(covariance, dtype=float)
     if m.shape != (2,) or c.shape != (2, 2):
         raise InputError(f"a belief needs a mean (2,) and a covariance (2, 2), not {m.shape} and {c.shape}")
@@ -195,10 +195,10 @@ def belief_about(
     this_board = np.array([key == (session, board) and board > 0 for key in boards], dtype=float)
     this_hole = np.array([name == hole for name in holes], dtype=float)
 
-    cases = list(product(_BOARD_SHIFTS, _HOLE_BIASES, _SCATTERS, _HOLE_FACTORS))
-    shift, bias, scatter = (np.array([case[axis] ** 2 for case in cases]) for axis in range(3))  # (cases,) variances
-    factor = np.array([case[3][0] ** 2 for case in cases])
-    weight = np.log([case[3][1] for case in cases])
+    cases = [(*widths, *factor) for *widths, factor in product(_BOARD_SHIFTS, _HOLE_BIASES, _SCATTERS, _HOLE_FACTORS)]
+    columns = np.array(cases, dtype=float).T
+    shift, bias, scatter, factor = columns[:4] ** 2  # (cases,) variances
+    weight = np.log(columns[4])
     own = 1.0 + this_hole * (factor[:, None] - 1.0)  # (cases, n)
     between = 1.0 + shift[:, None, None] * same_board + bias[:, None, None] * same_hole
     covariance = between + np.eye(len(recent)) * (scatter[:, None] * own)[:, None, :]

@@ -1,4 +1,4 @@
-"""Discs that together are likely to hold the hole: gradient ascent on the paper's Eq. 45, and what is tried after them."""
+"""Discs that together are likely to hold the hole: gradient ascent on the paper's Eq. 45, and what comes after."""
 
 from __future__ import annotations
 
@@ -23,7 +23,8 @@ def plan_covers(
 
     Gradient ascent on F = sum_i Phi_i (Eq. 47) with Phi_i = phi(m_i) plus a term between each pair of covers:
 
-    corrected: -repulsion / (n - 1) * max((2 radius)^2 - d^2, 0): covers push each other while they overlap.
+    corrected: -repulsion / (n - 1) * max(2 radius - d, 0)^2: covers push each other while they overlap, most where
+    they coincide. (A hinge on d^2 with its sign mended has no force at d = 0 and gathers covers into clumps.)
     literal (Eq. 45): +repulsion / (n - 1) * max(d^2 - radius, 0): the sign makes covers flee that are already apart and
     leaves overlapping ones alone, F has no bound, and a length is taken from an area; the numbers are read in mm.
 
@@ -31,13 +32,16 @@ def plan_covers(
     The ascent starts from a sunflower of discs stretched like the belief; it draws no random numbers.
     """
     step = 1.0 / (8 * repulsion + _sharpness(belief, radius))
-    pair_weight = 4 * repulsion / max(count - 1, 1)  # each pair is in F twice, and d^2 has a derivative of 2 d
+    pair_weight = 4 * repulsion / max(count - 1, 1)  # each pair is in F twice; a square's derivative doubles it
     centres = _inside(_sunflower(belief, radius, count), reach)
     for _ in range(_STEPS):
         apart = centres[:, None, :] - centres  # (n, n, 2)
-        squared = np.einsum("ijk,ijk->ij", apart, apart)
-        active = squared > radius * _MILLIMETRE if literal else squared < 4 * radius**2
-        push = pair_weight * np.einsum("ij,ijk->ik", active.astype(float), apart)
+        distance = np.sqrt(np.einsum("ijk,ijk->ij", apart, apart))
+        if literal:
+            strength = (distance**2 > radius * _MILLIMETRE).astype(float)
+        else:
+            strength = np.maximum(2 * radius / np.maximum(distance, 1e-9 * radius) - 1, 0.0)
+        push = pair_weight * np.einsum("ij,ijk->ik", strength, apart)
         centres = _inside(centres + step * (disc_mass_gradient(belief, centres, radius) + push), reach)
     probabilities = disc_mass(belief, centres, radius)
     order = np.argsort(-probabilities, kind="stable")
@@ -59,7 +63,7 @@ def sweep(centre: Offset, tried: Sequence[Offset], radius: float, reach: float) 
         cell = np.concatenate([np.zeros((1, 2)), corners, corners / 2, (corners + np.roll(corners, 1, axis=0)) / 2])
         for dx, dy in lattice(spacing, reach + math.hypot(*centre)):
             x, y = centre[0] + dx, centre[1] + dy
-            if math.hypot(x, y) > reach or _covered(cell + (x, y), done, size):
+            if math.hypot(x, y) > reach or _covered(cell + np.array([x, y]), done, size):
                 continue
             done.append((x, y))
             yield x, y

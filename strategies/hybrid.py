@@ -13,8 +13,8 @@ from pydantic import Field
 from runtime.messages import SearchGoal
 from runtime.plugin import Search
 from runtime.quantity import Angle, Length, Positive
-from strategies.patterns import line, line_as_printed, spiral_as_printed, spiral_by_arc
-from strategies.start import Offset, Start, Variant, check, follow, reach_of, start_of
+from strategies.patterns import Offset, line, line_as_printed, spiral_as_printed, spiral_by_arc
+from strategies.start import Start, Variant, check, follow, reach_of, start_of
 
 
 @dataclass(frozen=True)
@@ -30,12 +30,12 @@ class Hybrid:
 
     order: Literal["alternate", "sequence"] = "alternate"
     stride: Annotated[Length, Positive] = 0.3e-3  # [m] s of the line
-    angle: Angle = math.radians(45)  # [rad] of the line to the x axis of base_link
+    angle: Angle = math.pi / 4  # [rad] of the line to the x axis of base_link
     cycles: Annotated[int, Field(ge=0, le=10_000)] = 60  # m of the line
     radius: Annotated[Length, Positive] | None = None  # [m] of the spiral; none: until the search radius is covered
     pitch: Annotated[float, Positive] = 1.2  # [feasible radii] between turns of the spiral
     arc: Annotated[float, Field(ge=0.05)] = 1.5  # [feasible radii] between attempts along the spiral (corrected)
-    step: Annotated[Angle, Field(gt=0.01)] = math.radians(30)  # [rad] between attempts of the spiral (literal)
+    step: Annotated[Angle, Field(gt=0.01)] = math.pi / 6  # [rad] between attempts of the spiral (literal)
     start: Start = "hole"
     variant: Variant = "corrected"
 

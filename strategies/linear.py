@@ -26,7 +26,7 @@ class Linear:
     """
 
     stride: Annotated[Length, Positive] = 0.3e-3  # [m] s
-    angle: Angle = math.radians(45)  # [rad] theta, of the line to the x axis of base_link
+    angle: Angle = math.pi / 4  # [rad] theta, of the line to the x axis of base_link
     cycles: Annotated[int, Field(ge=0, le=10_000)] = 60  # m
     start: Start = "hole"
     variant: Variant = "corrected"

@@ -37,8 +37,8 @@ class Meta:
     prior_width: Annotated[Length, Positive] = 0.5e-3  # [m] standard deviation before anything is known
     mean_count: Annotated[float, Positive] = 0.3  # insertions that the prior mean is worth (map)
     covariance_count: Annotated[float, Positive] = 4.0  # insertions that the prior covariance is worth (map)
-    covers: Annotated[int, Field(ge=1, le=200)] = 40  # n
-    repulsion: Annotated[InverseArea, NotNegative] = 1e7  # [1/m^2] lambda
+    covers: Annotated[int, Field(ge=1, le=200)] = 30  # n
+    repulsion: Annotated[InverseArea, NotNegative] = 2e7  # [1/m^2] lambda
     variant: Variant = "corrected"
 
     def belief(self, goal: SearchGoal) -> Gaussian:

@@ -27,7 +27,7 @@ class Spiral:
     radius: Annotated[Length, Positive] | None = None  # [m] r; none: until the goal's search radius is covered
     pitch: Annotated[float, Positive] = 1.2  # [feasible radii] between turns, r / t of Eqs. 12-13
     arc: Annotated[float, Field(ge=0.05)] = 1.5  # [feasible radii] between attempts along the spiral (corrected)
-    step: Annotated[Angle, Field(gt=0.01)] = math.radians(30)  # [rad] theta_d between attempts (literal)
+    step: Annotated[Angle, Field(gt=0.01)] = math.pi / 6  # [rad] theta_d between attempts (literal)
     start: Start = "hole"
     variant: Variant = "corrected"
 

@@ -10,6 +10,7 @@ from runtime.belief import disc_mass, seat_points
 from runtime.errors import InputError
 from runtime.messages import Gaussian, Proposal, SearchGoal
 from runtime.plugin import Search
+from strategies.patterns import Offset
 
 Variant = Literal["corrected", "literal"]
 Start = Literal["hole", "pooled", "nominal", "posterior"]
@@ -18,8 +19,6 @@ Start = Literal["hole", "pooled", "nominal", "posterior"]
 hole: mean of this hole's earlier insertions; pooled: of all holes' insertions; nominal: never moves;
 posterior: mean of the posterior store's belief, `goal.prior`. Without evidence of its kind each is nominal.
 """
-
-Offset = tuple[float, float]  # [m]
 
 
 def start_of(goal: SearchGoal, start: Start, variant: Variant) -> Offset:

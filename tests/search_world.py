@@ -1,0 +1,227 @@
+"""A statistical world without contact physics: where holes are is drawn, an attempt succeeds near enough.
+
+As a program it prints attempts per search: `python tests/search_world.py S 20 meta spiral` (world, seeds, strategies).
+"""
+
+from __future__ import annotations
+
+import math
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from runtime.belief import belief_about
+from runtime.messages import (
+    Attempt,
+    Gaussian,
+    Outcome,
+    Point,
+    Pose,
+    Quaternion,
+    SearchGoal,
+    Seat,
+    Vector3,
+    Wrench,
+    header,
+)
+from runtime.plugin import Strategy
+
+ABNORMAL = 7  # number of the hole, from 1, whose parts scatter more
+
+
+@dataclass(frozen=True)
+class World:
+    """Standard deviations per axis of what the drawing does not say; lengths [m]."""
+
+    common: float = 0.5e-3  # length of the error that all offsets share
+    board_shift: float = 0.1e-3
+    board_rotation: float = 1e-3  # [rad]
+    hole_bias: float = 0.3e-3
+    part_scatter: float = 0.15e-3
+    abnormal_factor: float = 3.0
+    feasible_radius: float = 0.25e-3
+    radius_variation: float = 0.1
+    boards: int = 10
+    holes: int = 9
+    pitch: float = 30e-3
+    seat_noise: float = 0.04e-3  # of the seated position as the robot reads it
+    search_radius: float = 2e-3
+    max_attempts: int = 150
+    prior_width: float = 0.5e-3
+
+
+WORLDS = {
+    "S": World(),  # a located board
+    "R": World(board_shift=0.5e-3, board_rotation=4e-3),  # a board that lies loosely on its carrier
+    "cell": World(  # the tolerances that cell files begin with
+        common=0.0, board_shift=0.1e-3, hole_bias=0.2e-3, part_scatter=0.05e-3, feasible_radius=0.2e-3
+    ),
+}
+
+
+@dataclass(frozen=True)
+class Insertion:
+    """How one search in the world ended."""
+
+    board: int  # from 0
+    hole: int  # from 0
+    attempts: int
+    seated: bool
+    first_plan: float  # [s] until the first proposal
+
+
+def goal_for(**changes: object) -> SearchGoal:
+    """A goal in the middle of nowhere: 2 mm to search, 0.2 mm feasible, nothing learnt."""
+    plain = SearchGoal(
+        header=header(0),
+        search=1,
+        board=1,
+        hole="h1",
+        component="igbt",
+        nominal=Pose(position=Point(x=0.3, y=0.0, z=0.05), orientation=Quaternion(x=0.0, y=0.0, z=0.0, w=1.0)),
+        feasible_radius=0.2e-3,
+        search_radius=2e-3,
+        max_attempts=150,
+        seed=7,
+        prior=Gaussian(0.0, 0.0, 0.25e-6, 0.0, 0.25e-6),
+        seats=[],
+    )
+    return replace(plain, **changes)
+
+
+def attempt_at(goal: SearchGoal, number: int, x: float, y: float, outcome: Outcome) -> Attempt:
+    """What an arm would report."""
+    zero = Vector3(x=0.0, y=0.0, z=0.0)
+    return Attempt(
+        header=header(0),
+        search=goal.search,
+        number=number,
+        board=goal.board,
+        hole=goal.hole,
+        x=x,
+        y=y,
+        outcome=outcome,
+        reason="",
+        pose=goal.nominal,
+        wrench=Wrench(force=zero, torque=zero),
+        depth=0.0,
+        peak_force=0.0,
+        duration=0.5,
+    )
+
+
+def run_search(
+    strategy: Strategy, goal: SearchGoal, offset: tuple[float, float], radius: float
+) -> tuple[list[tuple[float, float]], bool]:
+    """Positions tried for a hole at `offset` [m] in which a part goes within `radius` [m], and whether it went in."""
+    tried: list[tuple[float, float]] = []
+    search = strategy.search(goal)
+    try:
+        proposal = next(search)
+        while True:
+            tried.append((proposal.x, proposal.y))
+            if math.dist(tried[-1], offset) < radius:
+                return tried, True
+            if len(tried) >= goal.max_attempts:
+                return tried, False
+            proposal = search.send(attempt_at(goal, len(tried), proposal.x, proposal.y, Outcome.BLOCKED))
+    except StopIteration:
+        return tried, False
+    finally:
+        search.close()
+
+
+@dataclass
+class Line:
+    """An assembly line: boards in a row, with what was learnt on the way."""
+
+    world: World
+    seed: int
+    seats: list[Seat] = field(default_factory=list)
+
+    def run(self, strategy: Strategy) -> list[Insertion]:
+        w, draw = self.world, np.random.default_rng(self.seed)
+        side = math.ceil(math.sqrt(w.holes))
+        grid = np.array([(i // side, i % side) for i in range(w.holes)], dtype=float)
+        grid = (grid - (side - 1) / 2) * w.pitch
+        direction = draw.uniform(0, 2 * math.pi)
+        common = w.common * np.array([math.cos(direction), math.sin(direction)])
+        bias = w.hole_bias * draw.standard_normal((w.holes, 2))
+        results = []
+        for board in range(w.boards):
+            shift = w.board_shift * draw.standard_normal(2)
+            turn = w.board_rotation * draw.standard_normal()
+            for hole in range(w.holes):
+                factor = w.abnormal_factor if hole + 1 == ABNORMAL else 1.0
+                scatter = factor * w.part_scatter * draw.standard_normal(2)
+                lever = turn * np.array([-grid[hole, 1], grid[hole, 0]])
+                offset = common + shift + lever + bias[hole] + scatter
+                radius = w.feasible_radius * max(0.25, 1 + w.radius_variation * draw.standard_normal())
+                read = offset + w.seat_noise * draw.standard_normal(2)
+                name = f"h{hole + 1}"
+                prior, _ = belief_about(name, self.seats, w.prior_width, session="now", board=board + 1)
+                goal = goal_for(
+                    search=board * w.holes + hole + 1,
+                    board=board + 1,
+                    hole=name,
+                    feasible_radius=w.feasible_radius,
+                    search_radius=w.search_radius,
+                    max_attempts=w.max_attempts,
+                    prior=prior,
+                    seats=list(self.seats),
+                )
+                started = time.perf_counter()
+                next(probe := strategy.search(goal))
+                first_plan = time.perf_counter() - started
+                probe.close()
+                tried, seated = run_search(strategy, goal, (float(offset[0]), float(offset[1])), radius)
+                if seated:
+                    x, y = tried[-1]
+                    self.seats.append(Seat("now", board + 1, name, x, y, float(read[0]), float(read[1])))
+                results.append(Insertion(board, hole, len(tried), seated, first_plan))
+        return results
+
+
+def summary(name: str, strategy: Strategy, world: World, seeds: int) -> str:
+    """One line of figures: attempts per search with standard error over seeds, later boards, the abnormal hole."""
+    runs = [Line(world, seed).run(strategy) for seed in range(seeds)]
+    attempts = np.array([[insertion.attempts for insertion in run] for run in runs], dtype=float)
+    cube = attempts.reshape(seeds, world.boards, world.holes)
+    failed = 1 - np.mean([insertion.seated for run in runs for insertion in run])
+    found = np.mean([insertion.attempts for run in runs for insertion in run if insertion.seated])
+    plan = 1e3 * np.array([insertion.first_plan for run in runs for insertion in run])
+    error = cube.mean(axis=(1, 2)).std(ddof=1) / math.sqrt(seeds) if seeds > 1 else math.nan
+    return (
+        f"{name:28s} {cube.mean():6.2f} +- {error:4.2f} (found {found:5.2f})  first board {cube[:, 0].mean():6.2f}"
+        f"  boards 6-10 {cube[:, 5:].mean():6.2f}  hole 7 {cube[:, :, ABNORMAL - 1].mean():6.2f}"
+        f"  not inserted {100 * failed:5.2f} %  first proposal {plan.mean():5.1f} ms, worst {plan.max():5.1f}"
+    )
+
+
+def main(arguments: list[str]) -> None:
+    from strategies.hybrid import Hybrid
+    from strategies.linear import Linear
+    from strategies.meta import Meta
+    from strategies.spiral import Spiral
+
+    world, seeds = WORLDS[arguments[0]], int(arguments[1])
+    choices: dict[str, Callable[[], Strategy]] = {}
+    for cls in (Linear, Spiral, Hybrid, Meta):
+        for variant in ("corrected", "literal"):
+            choices[f"{cls.__name__.lower()}-{variant}"] = lambda c=cls, v=variant: c(variant=v)
+        for start in ("hole", "pooled", "nominal", "posterior"):
+            choices[f"{cls.__name__.lower()}-{start}"] = lambda c=cls, s=start: c(start=s)
+    choices["meta-mle"] = lambda: Meta(update="mle")
+    choices["hybrid-sequence"] = lambda: Hybrid(order="sequence")
+    for name in arguments[2:] or choices:
+        for choice, make in choices.items():
+            if choice == name or choice.startswith(f"{name}-"):
+                sys.stdout.write(summary(choice, make(), world, seeds) + "\n")
+                sys.stdout.flush()
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])
