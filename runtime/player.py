@@ -49,9 +49,9 @@ def play(
     end: int | None = None,
     stop: threading.Event | None = None,
 ) -> PlaySummary:
-    """Publish the messages with start <= stamp < end [ns] at `rate` times real time; None: as fast as receivers take them.
+    """Publish the messages with start <= stamp < end [ns] at `rate` times real time.
 
-    Messages keep their stamps and get new sequence numbers. All publishers are declared before the first message, so
+    Without a rate they go out as fast as receivers take them. Messages keep their stamps and get new sequence numbers. All publishers are declared before the first message, so
     that whoever has subscribed by then misses nothing. What a latched topic last said before `start` comes first.
     `stop` ends it at once. Raises InputError for a pattern without a match, LogError for a damaged log.
     """
