@@ -103,7 +103,18 @@ def _parser() -> argparse.ArgumentParser:
         type=int,
         default=7447,
         metavar="PORT",
-        help="of the Zenoh router; one is started if none runs (default: 7447)",
+        help="of the Zenoh router (default: 7447)",
+    )
+
+    replay.add_argument(
+        "--join", action="store_true", help="join the router that runs on the port, instead of starting one"
+    )
+    replay.add_argument(
+        "--delay",
+        type=_seconds,
+        default=0.0,
+        metavar="S",
+        help="seconds to wait for subscribers before the first message (default: 0)",
     )
 
     view = _make(commands, "view", "look at a recorded session in Rerun")
@@ -128,6 +139,13 @@ def _parser() -> argparse.ArgumentParser:
     bench.add_argument("--port", type=int, metavar="PORT", help="of the cell's Zenoh router (default: 7447)")
     bench.add_argument("--json", metavar="FILE", help="write the figures there as name: number")
     return parser
+
+
+def _seconds(text: str) -> float:
+    value = float(text)
+    if not 0 <= value <= 3600:
+        raise argparse.ArgumentTypeError(f"{text} is no number of seconds from 0 to 3600")
+    return value
 
 
 def _make(commands: argparse._SubParsersAction[_Parser] | None, name: str, text: str) -> argparse.ArgumentParser:

@@ -1,4 +1,4 @@
-"""A whole cell in one process, a thread per plugin: for sweeps, for debugging, and to show that nothing depends on it."""
+"""A whole cell in one process, a thread per plugin: for sweeps, for debugging, to show that nothing depends on it."""
 
 from __future__ import annotations
 

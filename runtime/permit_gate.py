@@ -84,9 +84,13 @@ class PermitGate:
         """Hold session time at its beginning until motion is permitted for the first time."""
         self._tick(self.context.clock.now)
         while not self._granted and not self.context.stopping:
-            item = self.context.bus.inbox.receive()
-            if isinstance(item, Envelope):
-                self._sort(item)
+            self.wait_for_arrival()
+
+    def wait_for_arrival(self) -> None:
+        """Wait until something arrives, or the plugin is asked to end; session time stands still."""
+        item = self.context.bus.inbox.receive()
+        if isinstance(item, Envelope):
+            self._sort(item)
 
     def check(self) -> None:
         """Raise SessionError once the interlock has fallen silent."""

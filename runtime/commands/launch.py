@@ -16,7 +16,8 @@ from rich.table import Table
 from runtime import config
 from runtime.config import CellFile
 from runtime.errors import InputError, SessionError
-from runtime.launcher import Order, Progress, Session, launch
+from runtime.follower import Progress, Session
+from runtime.launcher import Order, launch
 from runtime.log_file import open_log
 from runtime.messages import Ending
 

@@ -1,0 +1,37 @@
+"""The simulated UR3e as a plugin: goals and candidates in, attempts out, under the interlock's permit."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import ClassVar, Literal
+
+from drivers.ur3e.skill import SkillSettings
+from drivers.ur3e.workcell import Workcell
+from runtime.config import Cell
+from runtime.context import Context
+from runtime.errors import CellError
+
+
+@dataclass(frozen=True)
+class MujocoUr3e:
+    """UR3e with gripper, feeder and boards, simulated in MuJoCo with contact; faster than real time."""
+
+    fidelity: Literal["reference", "fast"] = "reference"  # reference: 1 ms steps; fast: 2 ms, contact 10 um less exact
+    workcell: Workcell = field(default_factory=Workcell)
+    skill: SkillSettings = field(default_factory=SkillSettings)
+
+    simulated: ClassVar[bool] = True
+
+    def check(self, cell: Cell, where: str) -> None:
+        """Raise CellError if the arm cannot reach a hole, the feeder or the reject bin."""
+        from drivers.ur3e.reach import unreachable
+
+        beyond = unreachable(cell, self.workcell)
+        if beyond:
+            raise CellError(f"{where}: {beyond}")
+
+    def run(self, context: Context) -> None:
+        """Serve searches until the cell closes; the arm is halted when this returns."""
+        from drivers.ur3e.job import Job
+
+        Job(self, context).run()

@@ -1,0 +1,20 @@
+"""palpate view: look at a recorded session in Rerun."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from runtime.errors import InputError
+
+
+def view_command(arguments: argparse.Namespace) -> int:
+    """Open a log in a window or a browser, or write a file that Rerun opens."""
+    from runtime.viewer import view
+
+    if arguments.output and arguments.rerun != "save":
+        raise InputError("--output names the file that --rerun save writes; add --rerun save")
+    log = Path(arguments.log)
+    save = Path(arguments.output) if arguments.output else log.with_suffix(".rrd")
+    view(log, arguments.rerun, save if arguments.rerun == "save" else None)
+    return 0
