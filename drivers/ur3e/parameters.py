@@ -96,3 +96,8 @@ class Gripper:
 
 
 GRIPPER = Gripper()
+
+# Assumed: the e-Series' safety limits can be set; this is what the cell stops at rather than bend pins and boards.
+FORCE_LIMIT = 100.0  # [N] at the wrist, a protective stop beyond it
+UNLOCK_DELAY = 5.0  # [s] after a protective stop before it can be released (e-Series dashboard server)
+CONTACT_THRESHOLD = 3.0  # [N] assumed: at which tool_contact speaks of contact; three times the sensor's noise
