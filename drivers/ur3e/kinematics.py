@@ -28,7 +28,6 @@ class Kinematics:
 
     def __init__(self) -> None:
         self.model = pinocchio.buildModelFromXML(urdf())
-        self._data = self.model.createData()
         self._tool = self.model.getFrameId("tool0")
         tool = self.model.frames[self._tool]
         frame = pinocchio.Frame("tcp", tool.parentJoint, tool.parentFrame, tool.placement, pinocchio.FrameType.OP_FRAME)

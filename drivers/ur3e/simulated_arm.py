@@ -1,0 +1,416 @@
+# ruff: noqa: N802 - names are those of UR's RTDE as ur-rtde's clients spell them
+"""The arm interface on the simulated cell. Session time advances in cycles of 2 ms and in no other way."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from drivers.ur3e import frames
+from drivers.ur3e.arm import GRIPPER_PIN, NORMAL, PROTECTIVE_STOP, RUNNING, SAFEGUARD_STOP
+from drivers.ur3e.controller import Controller
+from drivers.ur3e.force_torque import ForceTorqueNoise, ForceTorqueSensor
+from drivers.ur3e.kinematics import Kinematics
+from drivers.ur3e.motion import Compliance, Servo, Speed
+from drivers.ur3e.parameters import (
+    CONTACT_THRESHOLD,
+    CYCLE_NS,
+    FORCE_LIMIT,
+    GRIPPER,
+    JOINTS,
+    MOVEJ_ACCELERATION,
+    MOVEJ_SPEED,
+    MOVEL_ACCELERATION,
+    MOVEL_SPEED,
+    UNLOCK_DELAY,
+)
+from drivers.ur3e.scene import Scene
+from runtime.errors import ArmError
+
+_HISTORY = 200  # cycles that `toolContact` looks back
+_SEATED = 1e-3  # [m] below the board's top: a part let go there stays standing
+_STILL = 1e-3  # [rad/s]
+
+
+def _always(_: int) -> bool:
+    return True
+
+
+class SimulatedArm:
+    """Implements `Arm` on a scene.
+
+    `gate` is asked before every cycle, with the session time [ns] at which it begins, whether motion is permitted in
+    it; it may block until it knows. Without permission a safeguard stop, category 2, begins in that very cycle: the
+    speed is taken back along the path as fast as the joints brake, the position is held, and the same motion goes on
+    afterwards. `observe` is called after every cycle.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        seed: int = 0,
+        *,
+        noise: ForceTorqueNoise | None = ForceTorqueNoise(),  # noqa: B008 - frozen
+        gate: Callable[[int], bool] | None = None,
+        observe: Callable[[SimulatedArm], None] | None = None,
+    ) -> None:
+        self.scene = scene
+        self.time = 0  # [ns] of the session
+        self.safety_mode = NORMAL
+        self.stop_reason = ""  # why the last protective stop happened
+        self._gate = gate or _always
+        self._observe = observe
+        self.controller = Controller(Kinematics(), scene.workcell.home)
+        self.sensor = ForceTorqueSensor(seed, noise)
+        self.sensor.set_payload(GRIPPER.mass, GRIPPER.centre_of_mass)
+        self._actual = Kinematics()
+        self._tool_turn: frames.Rotation | None = None  # from the TCP's frame to the tool's, if they differ
+        self._history: deque[tuple[float, ...]] = deque(maxlen=_HISTORY)
+        self._stopped_at = 0
+        model, data = scene.model, scene.data
+        joints = [model.joint(joint.name) for joint in JOINTS]
+        first, dof = int(joints[0].qposadr[0]), int(joints[0].dofadr[0])
+        self._q, self._qd = data.qpos[first : first + 6], data.qvel[dof : dof + 6]
+        self._torque = data.qfrc_actuator[dof : dof + 6]
+        self._target_q, self._target_qd = data.ctrl[0::2], data.ctrl[1::2]
+        self._reading = data.sensordata
+        self._q[:] = self._target_q[:] = self.controller.q
+        mujoco.mj_forward(model, data)
+        self.sensor.update(self._reading.tolist(), self._tool_rotation())
+        self._pose_time = self._wrench_time = -1
+        self._pose: tuple[frames.Vector, frames.Rotation] = (self.controller.position, self.controller.rotation)
+        self._wrench = [0.0] * 6
+
+    # Cheap to read for publishing; frame base_link.
+
+    @property
+    def pose(self) -> tuple[frames.Vector, frames.Rotation]:
+        """Position [m] and rotation of the TCP in base_link, from the measured joint angles."""
+        if self._pose_time != self.time:
+            self._pose = self._actual.forward(self._q)
+            self._pose_time = self.time
+        return self._pose
+
+    @property
+    def wrench(self) -> list[float]:
+        """Wrench (6,) [N, Nm] on the tool at the TCP in base_link, payload and zero corrected."""
+        if self._wrench_time != self.time:
+            self._wrench = self.sensor.at_tcp(self._lever, self._tool_rotation())
+            self._wrench_time = self.time
+        return self._wrench
+
+    @property
+    def holding(self) -> bool:
+        """Whether a part is in the gripper."""
+        return self.scene.holding
+
+    @property
+    def _lever(self) -> tuple[float, ...]:
+        return self.controller.kinematics.tcp_offset[:3]
+
+    def cycle(self) -> None:
+        """One control cycle: permission, setpoints, physics, sensor. Raises ArmError if the motion cannot go on."""
+        permitted = self._gate(self.time)
+        controller = self.controller
+        if self.safety_mode != PROTECTIVE_STOP:
+            self.safety_mode = NORMAL if permitted else SAFEGUARD_STOP
+            compliance = controller.compliance
+            controller.step(permitted, None if compliance is None else self.wrench)
+            self._target_q[:] = controller.q
+            self._target_qd[:] = controller.qd
+        scene = self.scene
+        mujoco.mj_step(scene.model, scene.data, scene.substeps)
+        self.time += CYCLE_NS
+        sensor = self.sensor
+        sensor.update(self._reading.tolist(), self._tool_rotation())
+        wrench = sensor.wrench
+        self._history.append((wrench[0], wrench[1], wrench[2]))
+        if self.safety_mode != PROTECTIVE_STOP:
+            self._guard(wrench)
+        if self._observe is not None:
+            self._observe(self)
+
+    def _guard(self, wrench: Sequence[float]) -> None:
+        """Protective stops: too much force, or force mode pushed off its path."""
+        x, y, z = wrench[0], wrench[1], wrench[2]
+        if x * x + y * y + z * z > FORCE_LIMIT * FORCE_LIMIT:
+            self.protective_stop(f"the force at the wrist exceeds {FORCE_LIMIT:.0f} N")
+            return
+        controller = self.controller
+        if controller.compliance is not None:
+            (x, y, z), rotation = self.pose
+            a, b, c = controller.position
+            turn = frames.vector_of_rotation(frames.product(rotation, frames.transpose(controller.rotation)))
+            if controller.compliance.deviates([x - a, y - b, z - c, *turn]):
+                self.protective_stop("force mode deviates further than its limits allow")
+
+    def protective_stop(self, reason: str) -> None:
+        """Stop at once, category 0, and stay so until `unlockProtectiveStop`."""
+        self.controller.halt()
+        self._target_qd[:] = 0.0
+        self.safety_mode, self.stop_reason, self._stopped_at = PROTECTIVE_STOP, reason, self.time
+
+    def unlockProtectiveStop(self) -> bool:
+        """Release a protective stop; refused, False, within 5 s of its beginning, as the dashboard server does."""
+        if self.safety_mode == PROTECTIVE_STOP and (self.time - self._stopped_at) * 1e-9 < UNLOCK_DELAY:
+            return False
+        self.safety_mode = NORMAL
+        return True
+
+    def _tool_rotation(self) -> frames.Rotation:
+        rotation = self.controller.rotation
+        return rotation if self._tool_turn is None else frames.product(rotation, self._tool_turn)
+
+    def _finish(self) -> bool:
+        while not self.controller.idle and self.safety_mode != PROTECTIVE_STOP:
+            self.cycle()
+        return self.safety_mode != PROTECTIVE_STOP
+
+    def _begin(self) -> bool:
+        """Whether a new motion may start; one that has not ended is stopped first."""
+        if not self.controller.idle:
+            self.stopL()
+        return self.safety_mode != PROTECTIVE_STOP
+
+    # Motions
+
+    def moveJ(
+        self,
+        q: Sequence[float],
+        speed: float = MOVEJ_SPEED,
+        acceleration: float = MOVEJ_ACCELERATION,
+        asynchronous: bool = False,
+    ) -> bool:
+        """See `Arm`."""
+        if not self._begin():
+            return False
+        self.controller.move_joints(q, speed, acceleration)
+        return True if asynchronous else self._finish()
+
+    def moveL(
+        self,
+        pose: Sequence[float],
+        speed: float = MOVEL_SPEED,
+        acceleration: float = MOVEL_ACCELERATION,
+        asynchronous: bool = False,
+    ) -> bool:
+        """See `Arm`."""
+        if not self._begin():
+            return False
+        self.controller.move_linear(frames.ros_pose(pose), speed, acceleration)
+        return True if asynchronous else self._finish()
+
+    def speedL(self, xd: Sequence[float], acceleration: float = 0.25, time: float = 0.0) -> bool:
+        """See `Arm`."""
+        if self.safety_mode == PROTECTIVE_STOP:
+            return False
+        self.controller.set_speed(frames.turn_base_wrench(xd), acceleration, time)
+        return True
+
+    def speedStop(self, a: float = 10.0) -> bool:
+        """See `Arm`."""
+        if isinstance(self.controller.motion, Speed):
+            self.stopL(a)
+        return self.safety_mode != PROTECTIVE_STOP
+
+    def stopL(self, a: float = 10.0, asynchronous: bool = False) -> None:
+        """See `Arm`."""
+        if not self.controller.idle:
+            self.controller.set_speed([0.0] * 6, a)
+            if not asynchronous:
+                self._finish()
+
+    def servoL(
+        self, pose: Sequence[float], speed: float, acceleration: float, time: float, lookahead_time: float, gain: float
+    ) -> bool:
+        """See `Arm`. `speed`, `acceleration` and `time` are not used, as in UR's servo functions of today."""
+        del speed, acceleration, time
+        if self.safety_mode == PROTECTIVE_STOP:
+            return False
+        self.controller.set_servo(frames.ros_pose(pose), lookahead_time, gain)
+        return True
+
+    def servoStop(self, a: float = 10.0) -> bool:
+        """See `Arm`."""
+        if isinstance(self.controller.motion, Servo):
+            self.stopL(a)
+        return self.safety_mode != PROTECTIVE_STOP
+
+    def forceMode(
+        self,
+        task_frame: Sequence[float],
+        selection_vector: Sequence[int],
+        wrench: Sequence[float],
+        type: int,  # noqa: A002
+        limits: Sequence[float],
+    ) -> bool:
+        """See `Arm`. Of the three types only 2, a task frame that is not transformed, is known here."""
+        if type != 2:
+            raise ArmError(f"force mode of type {type} is not known; known: 2, the task frame as it is")
+        if self.safety_mode == PROTECTIVE_STOP:
+            return False
+        _, frame = frames.ros_pose(task_frame)
+        now = self.controller.compliance
+        compliance = Compliance(frame, selection_vector, wrench, limits)
+        if now is None or now.frame != compliance.frame or now.axes != compliance.axes:
+            self.controller.comply(compliance)
+        else:
+            now.wrench, now.limits = compliance.wrench, compliance.limits
+        return True
+
+    def forceModeStop(self) -> bool:
+        """See `Arm`."""
+        if self.controller.compliance is not None:
+            self.controller.comply(None)
+        return True
+
+    def toolContact(self, direction: Sequence[float]) -> int:
+        """See `Arm`."""
+        length = math.hypot(*direction[:3])
+        if length > 0:
+            towards = frames.unrotate(self._tool_rotation(), frames.turn_base(direction))
+            x, y, z = (-value / length for value in towards)
+        count = 0
+        for fx, fy, fz in reversed(self._history):
+            force = x * fx + y * fy + z * fz if length > 0 else math.sqrt(fx * fx + fy * fy + fz * fz)
+            if force < CONTACT_THRESHOLD:
+                break
+            count += 1
+        return count
+
+    # Settings
+
+    def zeroFtSensor(self) -> bool:
+        """See `Arm`."""
+        self.sensor.zero()
+        self._history.clear()
+        self._wrench_time = -1
+        return True
+
+    def setTcp(self, tcp_offset: Sequence[float]) -> bool:
+        """See `Arm`."""
+        self.controller.set_tcp(tcp_offset)
+        self._actual.set_tcp(tcp_offset)
+        turn = frames.transpose(frames.rotation_of_vector(tcp_offset[3:6]))
+        self._tool_turn = turn if any(tcp_offset[3:6]) else None
+        self._pose_time = self._wrench_time = -1
+        return True
+
+    def setPayload(self, mass: float, cog: Sequence[float]) -> bool:
+        """See `Arm`."""
+        self.sensor.set_payload(mass, cog)
+        return True
+
+    def setToolDigitalOut(self, output_id: int, signal_level: bool) -> bool:
+        """See `Arm`. Closing takes the feeder's part if the pin tips' nominal place is within 2 mm of it."""
+        if output_id != GRIPPER_PIN:
+            return False
+        scene = self.scene
+        if signal_level and not scene.holding:
+            station = scene.workcell
+            place, _ = self.pose
+            feeder = (station.feeder_x, station.feeder_y, station.feeder_z)
+            if scene.part_waiting and math.dist(place, feeder) <= GRIPPER.capture:
+                scene.grasp()
+        elif not signal_level and scene.holding:
+            (_, _, z), _ = scene.part_pose()
+            if z < scene.board.z - _SEATED:
+                scene.leave_standing()
+            else:
+                scene.release()
+        return True
+
+    def initPeriod(self) -> float:
+        """See `Arm`."""
+        return self.time * 1e-9
+
+    def waitPeriod(self, t_cycle_start: Any) -> None:  # noqa: ARG002
+        """See `Arm`: runs one cycle of the simulation."""
+        self.cycle()
+
+    # Measurements
+
+    def getActualQ(self) -> list[float]:
+        """See `Arm`."""
+        q: list[float] = self._q.tolist()
+        return q
+
+    def getActualQd(self) -> list[float]:
+        """See `Arm`."""
+        qd: list[float] = self._qd.tolist()
+        return qd
+
+    def getTargetQ(self) -> list[float]:
+        """See `Arm`."""
+        q: list[float] = self.controller.q.tolist()
+        return q
+
+    def getTargetQd(self) -> list[float]:
+        """See `Arm`."""
+        return list(self.controller.qd)
+
+    def getActualTCPPose(self) -> list[float]:
+        """See `Arm`."""
+        return frames.ur_pose(*self.pose)
+
+    def getTargetTCPPose(self) -> list[float]:
+        """See `Arm`."""
+        return frames.ur_pose(self.controller.position, self.controller.rotation)
+
+    def getActualTCPSpeed(self) -> list[float]:
+        """See `Arm`."""
+        self._actual.forward(self._q)
+        return frames.turn_base_wrench((self._actual.jacobian() @ self._qd).tolist())
+
+    def getActualTCPForce(self) -> list[float]:
+        """See `Arm`."""
+        return frames.turn_base_wrench(self.wrench)
+
+    def getFtRawWrench(self) -> list[float]:
+        """See `Arm`."""
+        return self.sensor.raw[:]
+
+    def getJointTorques(self) -> list[float]:
+        """See `Arm`."""
+        torque: list[float] = self._torque.tolist()
+        return torque
+
+    def getSafetyMode(self) -> int:
+        """See `Arm`."""
+        return self.safety_mode
+
+    def getRobotMode(self) -> int:
+        """See `Arm`."""
+        return RUNNING
+
+    def getSpeedScaling(self) -> float:
+        """See `Arm`."""
+        return self.controller.scaling
+
+    def getTimestamp(self) -> float:
+        """See `Arm`."""
+        return self.time * 1e-9
+
+    def getInverseKinematics(self, x: Sequence[float], qnear: Sequence[float] | None = None) -> list[float]:
+        """See `Arm`."""
+        near = self._q.copy() if qnear is None else np.array(qnear, dtype=float)
+        q: list[float] = self._actual.inverse(*frames.ros_pose(x), near).tolist()
+        self._pose_time = -1
+        return q
+
+    def getForwardKinematics(
+        self, q: Sequence[float] | None = None, tcp_offset: Sequence[float] | None = None
+    ) -> list[float]:
+        """See `Arm`."""
+        kinematics = Kinematics()
+        kinematics.set_tcp(self._actual.tcp_offset if tcp_offset is None else tcp_offset)
+        return frames.ur_pose(*kinematics.forward(self._q if q is None else np.array(q, dtype=float)))
+
+    def isSteady(self) -> bool:
+        """See `Arm`."""
+        return self.controller.idle and float(np.abs(self._qd).max()) < _STILL
