@@ -76,6 +76,8 @@ class Assembly:
                     return
         now = context.clock.now
         session.send(SessionState(header(now), context.session, Phase.DONE, "all boards are done"), now)
+        for _ in context.arrivals():
+            pass
 
 
 def _ask(context: Context, question: BeliefRequest) -> Belief:

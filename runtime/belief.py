@@ -27,7 +27,7 @@ _RECENT = 120  # seats that `belief_about` weighs: the cost grows with the cube,
 # Standard deviations that `belief_about` tries, in multiples of the prior width.
 _BOARD_SHIFTS = (0.15, 0.5, 1.2)
 _HOLE_BIASES = (0.15, 0.5, 1.0)
-_SCATTERS = (0.1, 0.3, 0.7)
+_SCATTERS = (0.1, 0.2, 0.4, 0.8)
 _HOLE_FACTORS = ((1.0, 0.85), (3.0, 0.15))  # how much more this hole's parts scatter than others, how likely
 
 
@@ -173,8 +173,8 @@ def belief_about(
     shift, this hole on other boards tells its bias, and a hole without a seat of its own starts from the common
     error plus the shift of the board. With `board` 0 the board under work is unknown and counts as a new one.
 
-    How far boards shift, holes stray and parts scatter is not known either: each is tried at three multiples of
-    `prior_width` [m], with this hole's scatter three times the others' as a rarer case; the answer has the mean and
+    How far boards shift, holes stray and parts scatter is not known either: each is tried at three or four
+    multiples of `prior_width` [m], with this hole's scatter three times the others' as a rarer case; the answer has the mean and
     covariance of all cases, weighted by how well each explains the seats. No seats: normal about nominal with
     standard deviation `prior_width`. Only the newest 120 seats are weighed.
     """

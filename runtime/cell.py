@@ -50,7 +50,7 @@ class Tolerances:
     hole_bias: Annotated[Length, NotNegative] = 0.2e-3  # [m] per axis, drawn once for each hole of a board type
     part_scatter: Annotated[Length, NotNegative] = 0.05e-3  # [m] per axis, clamping and bent pins, drawn for each part
     part_rotation: Annotated[Angle, NotNegative] = 2e-3  # [rad] of the part in the gripper, drawn for each part
-    abnormal_hole: int = 7  # number of the hole, from 1, whose parts scatter more; 0 for none
+    abnormal_hole: int = 0  # number of the hole, from 1, whose parts scatter more; 0 for none
     abnormal_factor: Annotated[float, Field(ge=1)] = 3.0  # times part_scatter at that hole
 
 

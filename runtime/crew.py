@@ -61,7 +61,7 @@ class Crew:
         """Start one plugin."""
         errors = self._files.enter_context(tempfile.TemporaryFile())  # noqa: SIM115 - closed with the crew
         popen = subprocess.Popen(
-            [sys.executable, "-P", "-m", "runtime.host"],
+            [sys.executable, "-P", "-m", "runtime.host", assignment.role],  # the role is for who lists processes
             stdin=subprocess.PIPE,
             stdout=subprocess.DEVNULL,
             stderr=errors,

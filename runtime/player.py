@@ -51,9 +51,10 @@ def play(
 ) -> PlaySummary:
     """Publish the messages with start <= stamp < end [ns] at `rate` times real time.
 
-    Without a rate they go out as fast as receivers take them. Messages keep their stamps and get new sequence numbers. All publishers are declared before the first message, so
-    that whoever has subscribed by then misses nothing. What a latched topic last said before `start` comes first.
-    `stop` ends it at once. Raises InputError for a pattern without a match, LogError for a damaged log.
+    Without a rate they go out as fast as receivers take them. Messages keep their stamps and get new sequence numbers.
+    All publishers are declared before the first message, so that whoever has subscribed by then misses nothing. What a
+    latched topic last said before `start` comes first. `stop` ends it at once. Raises InputError for a pattern without
+    a match, LogError for a damaged log.
     """
     halt = stop or threading.Event()
     summary = _Progress(log, halt)

@@ -1,0 +1,87 @@
+"""How the view is laid out: arm and board, the hole in hand, states, plots and text, all at first sight."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
+
+from runtime.cell import Board
+from runtime.view_close_up import CLOSE_UP, bounds
+from runtime.view_scene import ARM, ATTEMPTS, DURATION, FORCE, FORCE_Z, INTERLOCK, LOG, SESSION, TOTAL
+from runtime.view_tracks import TIMELINE
+
+_GREEN, _AMBER, _RED, _GREY, _BLUE = 0x2E9E5BFF, 0xD99A1CFF, 0xD64541FF, 0x6B7280FF, 0x3B82F6FF
+_STATES: dict[str, dict[str, int]] = {
+    INTERLOCK: {"PERMITTED": _GREEN, "LOCKED": _AMBER, "TRIPPED": _RED, "FAULT": _RED},
+    ARM: {"normal": _GREEN, "reduced": _AMBER, "safeguard stop": _RED, "protective stop": _RED, "fault": _RED},
+    SESSION: {"starting": _GREY, "running": _BLUE, "done": _GREEN, "closing": _GREY, "failed": _RED},
+}
+
+
+def styles(recording: Any) -> None:
+    """Colours and names of lines and lanes, which Rerun keeps with the data."""
+    for entity, colours in _STATES.items():
+        values = list(colours)
+        lane = rr.StateConfiguration(
+            values=values,
+            labels=[value.lower() for value in values],
+            colors=np.array(list(colours.values()), dtype=np.uint32),
+        )
+        recording.log(entity, lane, static=True)
+    recording.log(FORCE, rr.SeriesLines(colors=(250, 204, 21), names="|F|", widths=1.5), static=True)
+    recording.log(FORCE_Z, rr.SeriesLines(colors=(96, 165, 250), names="Fz", widths=1.5), static=True)
+    steps = "StepAfter"
+    attempts = rr.SeriesLines(colors=(235, 94, 72), names="this search", widths=2.0, interpolation_mode=steps)
+    recording.log(ATTEMPTS, attempts, static=True)
+    total = rr.SeriesLines(colors=(186, 148, 240), names="in all", widths=2.0, interpolation_mode=steps)
+    recording.log(TOTAL, total, static=True)
+    recording.log(DURATION, rr.SeriesPoints(colors=(72, 199, 116), names="search", marker_sizes=5.0), static=True)
+
+
+def blueprint(board: Board, radius: float) -> Any:
+    """The layout for a board and searches within `radius` [m]."""
+    target = (board.x * 0.78, board.y, board.z + 0.13)
+    eye = rrb.EyeControls3D(
+        position=(board.x + 0.42, board.y - 0.62, board.z + 0.48), look_target=target, eye_up=(0.0, 0.0, 1.0)
+    )
+    arm = rrb.Spatial3DView(
+        origin="/",
+        contents=["/robot/**", "/cell/**"],
+        name="Cell",
+        eye_controls=eye,
+        background=[24, 27, 34],
+        line_grid=rrb.LineGrid3D(visible=True, spacing=0.1, color=[70, 74, 84]),
+    )
+    x_range, y_range = bounds(radius)
+    hole = rrb.Spatial2DView(
+        origin=f"/{CLOSE_UP}",
+        name="Hole in hand: offset from nominal, mm, seen from above",
+        background=[24, 27, 34],
+        visual_bounds=rrb.VisualBounds2D(x_range=x_range, y_range=y_range),
+    )
+    force = _plot("Force on the tool, N", "/plots/force")
+    plots = rrb.Horizontal(
+        _plot("Attempts, this search", "/plots/attempts"),
+        _plot("Attempts, in all", "/plots/total"),
+        _plot("Duration of searches, s", "/plots/duration"),
+    )
+    states = rrb.StateTimelineView(origin="/states", name="Interlock, arm, session")
+    text = rrb.TextLogView(origin=f"/{LOG}", name="Log")
+    return rrb.Blueprint(
+        rrb.Horizontal(
+            rrb.Vertical(arm, states, text, row_shares=[6.0, 1.7, 2.3]),
+            rrb.Vertical(hole, force, plots, row_shares=[5.6, 2.2, 2.2]),
+            column_shares=[5.5, 4.5],
+        ),
+        rrb.TimePanel(state="collapsed", timeline=TIMELINE),
+        rrb.BlueprintPanel(state="hidden"),
+        rrb.SelectionPanel(state="hidden"),
+        auto_views=False,
+    )
+
+
+def _plot(name: str, origin: str) -> Any:
+    return rrb.TimeSeriesView(origin=origin, name=name, plot_legend=rrb.PlotLegend(visible=origin == "/plots/force"))
