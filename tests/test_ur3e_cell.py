@@ -1,0 +1,204 @@
+"""The simulated cell: the truth it draws, a whole board inserted, blocked and interrupted pecks."""
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from PIL import Image
+
+from drivers.ur3e.frames import rotation_of_quaternion, tool_down
+from drivers.ur3e.parameters import CYCLE_NS
+from drivers.ur3e.simulated_cell import SimulatedCell
+from drivers.ur3e.skill import InsertionSkill, Peck
+from drivers.ur3e.world import World
+from runtime.cell import Board, Hole, Tolerances
+from runtime.component import component
+from runtime.errors import InputError
+from runtime.messages import Outcome
+
+IGBT, CAPACITOR = component("igbt"), component("capacitor")
+NONE = Tolerances(0.0, 0.0, 0.0, 0.0, 0.0, 0)
+
+
+def grid(orientation: float | None, count: int = 9) -> Board:
+    holes = [Hole(f"h{i + 1}", (i % 3 - 1) * 0.03, (i // 3 - 1) * 0.03, orientation) for i in range(count)]
+    return Board("grid", tuple(holes))
+
+
+BOARD = grid(None)
+
+
+def world(seed: int = 1, session: int = 0, tolerances: Tolerances | None = None) -> World:
+    return World(BOARD, CAPACITOR, tolerances or Tolerances(), seed, session)
+
+
+@settings(max_examples=30)
+@given(st.integers(0, 2**31), st.integers(1, 50), st.integers(1, 9), st.integers(1, 400))
+def test_the_truth_does_not_depend_on_the_order_of_asking(seed: int, board: int, number: int, search: int) -> None:
+    name = f"h{number}"
+    one, other = world(seed), world(seed)
+    other.part(search + 1, name)
+    other.hole(board + 1, name)
+    assert one.offset(search, board, name) == other.offset(search, board, name)
+    hole, part = one.hole(board, name), one.part(search, name)
+    assert one.offset(search, board, name) == (hole.x - part.x, hole.y - part.y)
+
+
+def test_a_later_session_meets_the_same_holes_on_other_boards() -> None:
+    first, second = world(), world(session=1)
+    assert all(first.bias(hole.name) == second.bias(hole.name) for hole in BOARD.holes)
+    assert first.placement(1) != second.placement(1)
+    assert first.placement(1) != first.placement(2)
+    assert first.part(1, "h1") != second.part(1, "h1")
+    assert world(2).bias("h1") != first.bias("h1")
+
+
+def test_a_turned_board_carries_its_holes_around_its_centre() -> None:
+    turned = world(tolerances=Tolerances(0.0, 0.01, 0.0, 0.0, 0.0, 0))
+    yaw = turned.placement(3).yaw
+    assert yaw != 0
+    for hole in BOARD.holes:
+        found = turned.hole(3, hole.name)
+        assert found.yaw == yaw
+        radius = math.hypot(hole.x, hole.y)
+        assert math.hypot(hole.x + found.x, hole.y + found.y) == pytest.approx(radius, abs=1e-12)
+    assert (turned.hole(3, "h5").x, turned.hole(3, "h5").y) == (0.0, 0.0)
+
+
+def test_the_draws_have_the_spread_of_the_tolerances() -> None:
+    tolerances = Tolerances(abnormal_hole=7)
+    many = [world(seed, tolerances=tolerances) for seed in range(600)]
+    bias = np.std([w.bias("h2") for w in many])
+    shift = np.std([(w.placement(1).x, w.placement(1).y) for w in many])
+    usual = np.std([(w.part(1, "h6").x, w.part(1, "h6").y) for w in many])
+    abnormal = np.std([(w.part(1, "h7").x, w.part(1, "h7").y) for w in many])
+    assert bias == pytest.approx(tolerances.hole_bias, rel=0.1)
+    assert shift == pytest.approx(tolerances.board_shift, rel=0.1)
+    assert usual == pytest.approx(tolerances.part_scatter, rel=0.1)
+    assert abnormal == pytest.approx(3 * tolerances.part_scatter, rel=0.1)
+
+
+def insert_board(name: str, orientation: float | None, seed: int) -> list[Peck]:
+    """Nine parts by somebody who knows where the holes are, after two tries beside each of them."""
+    part, board = component(name), grid(orientation)
+    cell = SimulatedCell(board, part, Tolerances(), seed)
+    skill = InsertionSkill(cell.arm, cell.scene.workcell, board, part)
+    pecks = []
+    for number, hole in enumerate(board.holes, 1):
+        truth = cell.begin_search(number, 1, hole.name)
+        assert cell.board_changed == (number == 1)
+        skill.pick()
+        assert cell.arm.holding
+        x, y = truth.offset
+        for beside in ((0.5e-3, 0.1e-3), (-0.1e-3, -0.5e-3)):
+            blocked = skill.peck(hole, x + beside[0], y + beside[1])
+            assert blocked.outcome is Outcome.BLOCKED, blocked
+            assert 4.0 < blocked.wrench[2] < 7.5
+            assert 5.0 < blocked.peak_force < 8.0
+            assert blocked.depth < 0.1e-3
+            pecks.append(blocked)
+        seated = skill.peck(hole, x, y)
+        assert seated.outcome is Outcome.SEATED, seated
+        assert seated.depth > 0.95 * part.depth
+        assert seated.tcp_position[0] == pytest.approx(board.x + hole.x + x, abs=30e-6)
+        assert seated.tcp_position[1] == pytest.approx(board.y + hole.y + y, abs=30e-6)
+        down = tool_down(hole.orientation or 0.0)
+        assert rotation_of_quaternion(seated.tcp_quaternion) == pytest.approx(down, abs=2e-3)
+        pecks.append(seated)
+        skill.release()
+        assert not cell.arm.holding
+    skill.home()
+    return pecks
+
+
+@pytest.mark.parametrize(("name", "orientation"), [("igbt", 0.0), ("igbt", math.pi / 2), ("capacitor", None)])
+def test_a_whole_board_is_inserted_by_one_who_knows(name: str, orientation: float | None) -> None:
+    assert len(insert_board(name, orientation, 11)) == 27
+
+
+def test_the_same_seed_gives_the_same_pecks() -> None:
+    assert insert_board("capacitor", None, 4) == insert_board("capacitor", None, 4)
+
+
+def test_a_part_that_will_not_go_in_is_discarded() -> None:
+    cell = SimulatedCell(BOARD, CAPACITOR, NONE, 2)
+    skill = InsertionSkill(cell.arm, cell.scene.workcell, BOARD, CAPACITOR)
+    cell.begin_search(1, 1, "h1")
+    skill.pick()
+    assert skill.peck(BOARD.holes[0], 1e-3, 0.0).outcome is Outcome.BLOCKED
+    skill.discard()
+    assert not cell.arm.holding
+    cell.begin_search(2, 1, "h1")
+    skill.pick()
+    assert cell.arm.holding
+
+
+def test_a_hand_without_a_part_meets_no_resistance() -> None:
+    cell = SimulatedCell(BOARD, CAPACITOR, NONE, 2)
+    skill = InsertionSkill(cell.arm, cell.scene.workcell, BOARD, CAPACITOR)
+    peck = skill.peck(BOARD.holes[4], 1e-3, 0.0)
+    assert peck.depth > 0.9 * CAPACITOR.depth
+    assert peck.peak_force < 3.0
+    assert not cell.arm.holding
+
+
+def test_a_peck_out_of_reach_is_aborted_and_says_so() -> None:
+    cell = SimulatedCell(BOARD, CAPACITOR, NONE, 2)
+    skill = InsertionSkill(cell.arm, cell.scene.workcell, BOARD, CAPACITOR)
+    cell.begin_search(1, 1, "h1")
+    skill.pick()
+    peck = skill.peck(BOARD.holes[0], 0.5, 0.0)
+    assert peck.outcome is Outcome.ABORTED
+    assert "no straight way to TCP at (770.00, -30.00" in peck.reason
+    assert skill.peck(BOARD.holes[0], 0.0, 0.0).outcome is Outcome.SEATED
+
+
+def test_a_safeguard_stop_during_the_descent_spoils_the_peck_but_not_the_next() -> None:
+    stop: list[int] = []
+
+    def gate(time: int) -> bool:
+        return not (stop and stop[0] <= time < stop[0] + 500 * CYCLE_NS)
+
+    def observe(arm: object) -> None:
+        if armed and not stop and cell.arm.pose[0][2] < BOARD.z + 0.5e-3:
+            stop.append(cell.arm.time)
+
+    armed: list[bool] = []
+    cell = SimulatedCell(BOARD, CAPACITOR, NONE, 2, gate=gate, observe=observe)
+    skill = InsertionSkill(cell.arm, cell.scene.workcell, BOARD, CAPACITOR)
+    cell.begin_search(1, 1, "h1")
+    skill.pick()
+    armed.append(True)
+    peck = skill.peck(BOARD.holes[0], 1e-3, 0.0)
+    assert (peck.outcome, peck.reason) == (Outcome.ABORTED, "safeguard stop during the descent")
+    assert peck.duration > 1.0
+    assert skill.peck(BOARD.holes[0], 1e-3, 0.0).outcome is Outcome.BLOCKED
+    assert skill.peck(BOARD.holes[0], 0.0, 0.0).outcome is Outcome.SEATED
+
+
+def test_an_unknown_hole_is_refused() -> None:
+    with pytest.raises(InputError, match=r"no hole 'h10' on board 'grid'"):
+        SimulatedCell(BOARD, CAPACITOR, NONE).begin_search(1, 1, "h10")
+
+
+def test_a_fresh_board_is_empty() -> None:
+    cell = SimulatedCell(BOARD, CAPACITOR, NONE)
+    cell.begin_search(1, 1, "h1")
+    assert cell.board_changed
+    cell.begin_search(2, 1, "h2")
+    assert not cell.board_changed
+    cell.begin_search(3, 2, "h1")
+    assert cell.board_changed
+
+
+def test_a_picture_shows_a_green_board(tmp_path: Path) -> None:
+    cell = SimulatedCell(BOARD, CAPACITOR, NONE)
+    cell.render(tmp_path / "board.png", 320, 240, "board")
+    with Image.open(tmp_path / "board.png") as image:
+        pixels = np.asarray(image.convert("RGB"), dtype=float)
+    assert pixels.shape == (240, 320, 3)
+    green = (pixels[..., 1] > 1.5 * pixels[..., 0]) & (pixels[..., 1] > 1.5 * pixels[..., 2])
+    assert green.mean() > 0.05
