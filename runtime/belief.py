@@ -28,7 +28,8 @@ _RECENT = 120  # seats that `belief_about` weighs: the cost grows with the cube,
 _BOARD_SHIFTS = (0.15, 0.5, 1.2)
 _HOLE_BIASES = (0.15, 0.5, 1.0)
 _SCATTERS = (0.1, 0.2, 0.4, 0.8)
-_HOLE_FACTORS = ((1.0, 0.85), (3.0, 0.15))  # how much more this hole's parts scatter than others, how likely
+_FACTOR_DOUBT = 4.0  # seats that "this hole's parts scatter like the others'" is worth
+_FACTOR_LIMIT = 36.0  # a hole's scatter is believed at most six times the others', squared
 
 
 def gaussian(mean: ArrayLike, covariance: ArrayLike) -> Gaussian:
@@ -173,10 +174,10 @@ def belief_about(
     shift, this hole on other boards tells its bias, and a hole without a seat of its own starts from the common
     error plus the shift of the board. With `board` 0 the board under work is unknown and counts as a new one.
 
-    How far boards shift, holes stray and parts scatter is not known either: each is tried at three or four
-    multiples of `prior_width` [m], with this hole's scatter three times the others' as a rarer case; the answer has the mean and
-    covariance of all cases, weighted by how well each explains the seats. No seats: normal about nominal with
-    standard deviation `prior_width`. Only the newest 120 seats are weighed.
+    How far boards shift, holes stray and parts scatter is not known either: each is tried at three or four multiples
+    of `prior_width` [m], and the answer has the mean and covariance of all cases, weighted by how well each explains
+    the seats. A hole whose seats spread more than those of the median hole counts as one whose parts scatter more.
+    No seats: normal about nominal with standard deviation `prior_width`. Only the newest 120 seats are weighed.
     """
     if not (math.isfinite(prior_width) and prior_width > 0):
         raise InputError(f"a prior width must be a positive length, not {prior_width} m")
@@ -195,28 +196,60 @@ def belief_about(
     this_board = np.array([key == (session, board) and board > 0 for key in boards], dtype=float)
     this_hole = np.array([name == hole for name in holes], dtype=float)
 
-    cases = [(*widths, *factor) for *widths, factor in product(_BOARD_SHIFTS, _HOLE_BIASES, _SCATTERS, _HOLE_FACTORS)]
-    columns = np.array(cases, dtype=float).T
-    shift, bias, scatter, factor = columns[:4] ** 2  # (cases,) variances
-    weight = np.log(columns[4])
-    own = 1.0 + this_hole * (factor[:, None] - 1.0)  # (cases, n)
+    factors = _scatter_factors(y, on_board, of_hole)  # (holes,)
+    factor = float(factors[names[hole]]) if hole in names else 1.0
+
+    cases = np.array(list(product(_BOARD_SHIFTS, _HOLE_BIASES, _SCATTERS))) ** 2
+    shift, bias, scatter = cases.T  # (cases,) variances
     between = 1.0 + shift[:, None, None] * same_board + bias[:, None, None] * same_hole
-    covariance = between + np.eye(len(recent)) * (scatter[:, None] * own)[:, None, :]
+    covariance = between + scatter[:, None, None] * np.diag(factors[of_hole])
     to_next = 1.0 + shift[:, None] * this_board + bias[:, None] * this_hole  # (cases, n)
-    lower = np.linalg.cholesky(covariance)
-    right = np.concatenate([np.broadcast_to(y, (len(cases), *y.shape)), to_next[:, :, None]], axis=2)
-    whitened = np.linalg.solve(lower, right)  # (cases, n, 3)
+    lower, whitened = _whiten(
+        covariance, np.concatenate([np.broadcast_to(y, (len(cases), *y.shape)), to_next[..., None]], 2)
+    )
     means = np.einsum("cni,cn->ci", whitened[:, :, :2], whitened[:, :, 2])
     variances = 1.0 + shift + bias + scatter * factor - (whitened[:, :, 2] ** 2).sum(axis=1)
     # Both axes share one covariance, so its determinant counts twice: 2 * log sqrt(det).
-    weight = weight - 0.5 * (whitened[:, :, :2] ** 2).sum(axis=(1, 2))
-    weight = weight - 2 * np.log(np.diagonal(lower, axis1=1, axis2=2)).sum(axis=1)
+    weight = -0.5 * (whitened[:, :, :2] ** 2).sum(axis=(1, 2))
+    weight -= 2 * np.log(np.diagonal(lower, axis1=1, axis2=2)).sum(axis=1)
     share = np.exp(weight - weight.max())
     share /= share.sum()
     mean = share @ means
     apart = means - mean
     spread = (share @ variances) * np.eye(2) + (share[:, None] * apart).T @ apart
     return gaussian(mean * prior_width, spread * prior_width**2), len(recent)
+
+
+def _scatter_factors(y: Array, on_board: NDArray[np.intp], of_hole: NDArray[np.intp]) -> Array:
+    """By how much the variance of each hole's parts exceeds the median hole's, (holes,), from positions y (n, 2)."""
+
+    def means(groups: NDArray[np.intp], values: Array) -> Array:
+        sums = np.stack([np.bincount(groups, weights=column) for column in values.T], axis=1)
+        return np.asarray((sums / np.bincount(groups)[:, None])[groups])
+
+    rest = y - means(on_board, y)
+    rest = rest - means(of_hole, rest)
+    freedom = np.bincount(of_hole) - 1.0
+    spread = np.bincount(of_hole, weights=(rest**2).sum(axis=1)) / np.maximum(freedom, 1.0)
+    seen = freedom >= FEWEST_FOR_COVARIANCE - 1
+    if seen.sum() < 3:  # no median to speak of
+        return np.ones(len(freedom))
+    ratio = spread / max(float(np.median(spread[seen])), 1e-12)
+    return np.asarray(np.clip((_FACTOR_DOUBT + freedom * ratio) / (_FACTOR_DOUBT + freedom), 1.0, _FACTOR_LIMIT))
+
+
+def _whiten(covariance: Array, right: Array) -> tuple[Array, Array]:
+    """Cholesky factors L (cases, n, n) of covariances, and L^-1 right (cases, n, k).
+
+    Rows appended to a matrix come out of its factorisation solved, which saves a solver that knows no triangles.
+    """
+    cases, n, k = right.shape
+    bordered = np.zeros((cases, n + k, n + k))
+    bordered[:, :n, :n] = covariance
+    bordered[:, n:, :n] = right.transpose(0, 2, 1)
+    bordered[:, range(n, n + k), range(n, n + k)] = 1e30  # any number that keeps the border positive definite
+    lower = np.linalg.cholesky(bordered)
+    return lower[:, :n, :n], lower[:, n:, :n].transpose(0, 2, 1)
 
 
 def _points(points: ArrayLike) -> Array:

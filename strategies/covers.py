@@ -51,22 +51,26 @@ def plan_covers(
 def sweep(centre: Offset, tried: Sequence[Offset], radius: float, reach: float) -> Iterator[Offset]:
     """What remains once the covers have run out: the whole disc of `reach` [m] about nominal, nearest `centre` first.
 
-    Two passes over a triangular lattice of 1.5 radii: one for discs of the radius stated, one for discs of half of it,
-    for parts that fit less well. A point is left out if the discs already tried cover its hexagonal cell. Bounded:
-    a pass has at most 2 (reach + |centre|)^2 / radius^2 points.
+    Two triangular lattices of 1.5 radii at once: one for discs of the radius stated, and following it at a third of
+    its distance one for discs of half of it, because a part may fit less well than stated. A point is left out if the
+    discs already tried cover its hexagonal cell. Bounded: at most 2 (reach + |centre|)^2 / radius^2 points of the
+    first lattice and four times as many of the second.
     """
+    angles = math.pi / 6 + math.pi / 3 * np.arange(6)
+    hexagon = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    cell = np.concatenate([np.zeros((1, 2)), hexagon, hexagon / 2, (hexagon + np.roll(hexagon, 1, axis=0)) / 2])
+    widest = reach + math.hypot(*centre)
+    points = [
+        (rank * math.hypot(dx, dy), size, centre[0] + dx, centre[1] + dy)
+        for size, rank in ((radius, 1.0), (radius / 2, 3.0))
+        for dx, dy in lattice(1.5 * size, widest)
+    ]
     done = list(tried)
-    for size in (radius, radius / 2):
-        spacing = 1.5 * size
-        angles = math.pi / 6 + math.pi / 3 * np.arange(6)
-        corners = spacing / math.sqrt(3) * np.stack([np.cos(angles), np.sin(angles)], axis=1)
-        cell = np.concatenate([np.zeros((1, 2)), corners, corners / 2, (corners + np.roll(corners, 1, axis=0)) / 2])
-        for dx, dy in lattice(spacing, reach + math.hypot(*centre)):
-            x, y = centre[0] + dx, centre[1] + dy
-            if math.hypot(x, y) > reach or _covered(cell + np.array([x, y]), done, size):
-                continue
-            done.append((x, y))
-            yield x, y
+    for _, size, x, y in sorted(points, key=lambda point: point[0]):
+        if math.hypot(x, y) > reach or _covered(cell * (1.5 * size / math.sqrt(3)) + np.array([x, y]), done, size):
+            continue
+        done.append((x, y))
+        yield x, y
 
 
 def _covered(points: Array, tried: Sequence[Offset], radius: float) -> bool:

@@ -27,7 +27,7 @@ from runtime.messages import (
     Wrench,
     header,
 )
-from runtime.plugin import Strategy
+from runtime.plugin import Search, Strategy
 
 ABNORMAL = 7  # number of the hole, from 1, whose parts scatter more
 
@@ -70,7 +70,6 @@ class Insertion:
     hole: int  # from 0
     attempts: int
     seated: bool
-    first_plan: float  # [s] until the first proposal
 
 
 def goal_for(**changes: object) -> SearchGoal:
@@ -173,26 +172,43 @@ class Line:
                     prior=prior,
                     seats=list(self.seats),
                 )
-                started = time.perf_counter()
-                next(probe := strategy.search(goal))
-                first_plan = time.perf_counter() - started
-                probe.close()
                 tried, seated = run_search(strategy, goal, (float(offset[0]), float(offset[1])), radius)
                 if seated:
                     x, y = tried[-1]
                     self.seats.append(Seat("now", board + 1, name, x, y, float(read[0]), float(read[1])))
-                results.append(Insertion(board, hole, len(tried), seated, first_plan))
+                results.append(Insertion(board, hole, len(tried), seated))
         return results
+
+
+@dataclass
+class Timed:
+    """A strategy whose first proposals are timed."""
+
+    strategy: Strategy
+    first_plans: list[float] = field(default_factory=list)  # [s]
+
+    def search(self, goal: SearchGoal) -> Search:
+        started = time.perf_counter()
+        search = self.strategy.search(goal)
+        proposal = next(search)
+        self.first_plans.append(time.perf_counter() - started)
+        while True:
+            attempt = yield proposal
+            try:
+                proposal = search.send(attempt)
+            except StopIteration:
+                return
 
 
 def summary(name: str, strategy: Strategy, world: World, seeds: int) -> str:
     """One line of figures: attempts per search with standard error over seeds, later boards, the abnormal hole."""
-    runs = [Line(world, seed).run(strategy) for seed in range(seeds)]
+    timed = Timed(strategy)
+    runs = [Line(world, seed).run(timed) for seed in range(seeds)]
     attempts = np.array([[insertion.attempts for insertion in run] for run in runs], dtype=float)
     cube = attempts.reshape(seeds, world.boards, world.holes)
     failed = 1 - np.mean([insertion.seated for run in runs for insertion in run])
     found = np.mean([insertion.attempts for run in runs for insertion in run if insertion.seated])
-    plan = 1e3 * np.array([insertion.first_plan for run in runs for insertion in run])
+    plan = 1e3 * np.array(timed.first_plans)
     error = cube.mean(axis=(1, 2)).std(ddof=1) / math.sqrt(seeds) if seeds > 1 else math.nan
     return (
         f"{name:28s} {cube.mean():6.2f} +- {error:4.2f} (found {found:5.2f})  first board {cube[:, 0].mean():6.2f}"
