@@ -8,6 +8,7 @@ A plugin is a frozen dataclass. Its fields are its settings, filled from the cel
 from __future__ import annotations
 
 from collections.abc import Generator
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol, TypeAlias, runtime_checkable
 
 from runtime.messages import Attempt, Proposal, SearchGoal
@@ -36,6 +37,17 @@ class Strategy(Protocol):
     def search(self, goal: SearchGoal) -> Search:
         """Begin a search for one hole."""
         ...
+
+
+@dataclass(frozen=True)
+class BareRun:
+    """A job that a simulated arm did by itself: no bus, no log, no other plugin."""
+
+    session_time: float  # [s]
+    machine_time: float  # [s]
+    physics_time: float  # [s] of machine time within the physics engine
+    attempts: int
+    inserted: int
 
 
 @runtime_checkable

@@ -10,6 +10,7 @@ from drivers.ur3e.workcell import Workcell
 from runtime.config import Cell
 from runtime.context import Context
 from runtime.errors import CellError
+from runtime.plugin import BareRun
 
 
 @dataclass(frozen=True)
@@ -29,6 +30,12 @@ class MujocoUr3e:
         beyond = unreachable(cell, self.workcell)
         if beyond:
             raise CellError(f"{where}: {beyond}")
+
+    def bare_run(self, cell: Cell) -> BareRun:
+        """The cell's job without bus, log and other plugins, to measure what those cost."""
+        from drivers.ur3e.bare_run import bare_run
+
+        return bare_run(self, cell)
 
     def run(self, context: Context) -> None:
         """Serve searches until the cell closes; the arm is halted when this returns."""

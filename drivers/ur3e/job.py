@@ -132,14 +132,15 @@ class Job:
         if peck.outcome is Outcome.SEATED:
             self._do("release")
             self._skill.release()
-        self._attempts.send(_attempt_message(goal, candidate, peck, ended), self._cell.arm.time)
+        self._attempts.send(attempt_message(goal, candidate, peck, ended), self._cell.arm.time)
         return peck.outcome is Outcome.SEATED
 
     def _do(self, activity: str) -> None:
         self._telemetry.activity = activity
 
 
-def _attempt_message(goal: SearchGoal, candidate: Candidate, peck: Peck, ended: int) -> Attempt:
+def attempt_message(goal: SearchGoal, candidate: Candidate, peck: Peck, ended: int) -> Attempt:
+    """What was felt, as a message; the peck ended at session time `ended` [ns]."""
     return Attempt(
         header=header(ended, BASE_FRAME),
         search=goal.search,

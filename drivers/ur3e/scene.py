@@ -12,6 +12,7 @@ carrier weighs; a lighter one loses contact within one step and lets blocked pin
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -203,14 +204,15 @@ def _stations_look(workcell: Workcell, component: Component) -> str:
     return "".join(pieces)
 
 
-def _tool(component: Component, tip: float) -> str:
+def _tool(component: Component, tip: float, *, visual: bool) -> str:
     """Fingers, the held part and its pins, gripper frame."""
     length, width = 0.040, 0.007
     fingers = "".join(
         f'<geom name="finger{index}" class="seen" type="box" pos="0 0 {GRIPPER.reach - length / 2!r}" '
         f'size="0.007 {width / 2!r} {length / 2!r}" material="steel"/>'
-        for index in range(2)
+        for index in range(2 if visual else 0)
     )
+    look = _part_look(component, "held") if visual else ""
     pins = "".join(
         f'<geom name="touch{index}" class="pin" type="mesh" mesh="pin{index}" pos="{numbers((pin.x, pin.y, 0.0))}"/>'
         for index, pin in enumerate(component.pins)
@@ -224,21 +226,39 @@ def _tool(component: Component, tip: float) -> str:
     )
     return (
         f'{fingers}<body name="part" pos="0 0 {tip!r}" gravcomp="1"><inertial mass="{component.mass - _PIN_MASS!r}" '
-        f'pos="{numbers(component.centre_of_mass)}" diaginertia="5e-7 5e-7 3e-7"/>{_part_look(component, "held")}'
+        f'pos="{numbers(component.centre_of_mass)}" diaginertia="5e-7 5e-7 3e-7"/>{look}'
         f'<body name="pins" gravcomp="1"><inertial mass="{_PIN_MASS!r}" pos="{numbers(component.centre_of_mass)}" '
         f'diaginertia="1e-8 1e-8 1e-8"/>{slides}{pins}<site name="tips" size="0.0005" rgba="0 0 0 0"/></body></body>'
     )
 
 
-def scene_xml(board: Board, component: Component, workcell: Workcell, fidelity: Fidelity) -> str:
-    """The whole cell as MJCF text, base_link at the world's origin."""
+def _look(board: Board, component: Component, workcell: Workcell) -> str:
+    """All that stands about to be seen: table, board, stations, a part in the feeder, parts inserted before."""
+    waiting = numbers((workcell.feeder_x, workcell.feeder_y, workcell.feeder_z))
+    standing = "".join(
+        f'<body name="standing{index}" pos="0 0 -1">{_part_look(component, f"standing{index}_")}</body>'
+        for index in range(len(board.holes))
+    )
+    return f"""
+<light pos="0.7 -0.6 1.5" dir="-0.4 0.4 -1" diffuse="0.45 0.45 0.45" castshadow="true"/>
+<light pos="-0.4 0.8 1.2" dir="0.3 -0.6 -1" diffuse="0.18 0.18 0.18" castshadow="false"/>
+<body name="lookat" pos="0.14 0 0.17"/>
+<camera name="iso" pos="1.0 -0.78 0.62" mode="targetbody" target="lookat" fovy="36"/>
+<camera name="board" pos="{board.x + 0.17} {board.y - 0.17} {board.z + 0.13}"
+  xyaxes="0.707 0.707 0 -0.33 0.33 0.88" fovy="36"/>
+{_geom("box", (0.12, 0.0, -0.012), (0.42, 0.42, 0.012), "table")}{_board_look(board, component)}
+{_stations_look(workcell, component)}{standing}
+<body name="waiting" pos="{waiting}" quat="0 1 0 0">{_part_look(component, "waiting")}</body>"""
+
+
+def scene_xml(board: Board, component: Component, workcell: Workcell, fidelity: Fidelity, *, visual: bool) -> str:
+    """The cell as MJCF text, base_link at the world's origin.
+
+    What is only to be seen costs a quarter of a step's time, so it is left out unless `visual`.
+    """
     solver = _SOLVERS[fidelity]
     tip = workcell.gripper_reach + component.grip
     damping = 2 * _BOARD_DAMPING_RATIO * math.sqrt(_BOARD_STIFFNESS * _BOARD_MASS)
-    copies = "".join(
-        f'<body name="seated{index}" pos="0 0 -1">{_part_look(component, f"seated{index}_")}</body>'
-        for index in range(len(board.holes))
-    )
     meshes = "".join(_pin_mesh(pin, f"pin{index}") for index, pin in enumerate(component.pins))
     return f"""<mujoco model="palpate">
 <compiler angle="radian" autolimits="true"/>
@@ -252,22 +272,12 @@ def scene_xml(board: Board, component: Component, workcell: Workcell, fidelity: 
   height="256"/>
 <material name="table" rgba="0.86 0.84 0.80 1" specular="0.1"/>
 <material name="pcb" rgba="0.05 0.38 0.17 1" specular="0.4" shininess="0.6"/>{meshes}</asset>
-<worldbody>
-<light pos="0.7 -0.6 1.5" dir="-0.4 0.4 -1" diffuse="0.45 0.45 0.45" castshadow="true"/>
-<light pos="-0.4 0.8 1.2" dir="0.3 -0.6 -1" diffuse="0.18 0.18 0.18" castshadow="false"/>
-<body name="lookat" pos="0.14 0 0.17"/>
-<camera name="iso" pos="1.0 -0.78 0.62" mode="targetbody" target="lookat" fovy="36"/>
-<camera name="board" pos="{board.x + 0.17} {board.y - 0.17} {board.z + 0.13}"
-  xyaxes="0.707 0.707 0 -0.33 0.33 0.88" fovy="36"/>
-{_geom("box", (0.12, 0.0, -0.012), (0.42, 0.42, 0.012), "table")}{_board_look(board, component)}
-{_stations_look(workcell, component)}{copies}
-<body name="waiting" pos="{numbers((workcell.feeder_x, workcell.feeder_y, workcell.feeder_z))}" quat="0 1 0 0">
-{_part_look(component, "waiting")}</body>
+<worldbody>{_look(board, component, workcell) if visual else ""}
 <body name="holes" pos="{numbers((board.x, board.y, board.z))}" gravcomp="1">
 <inertial mass="{_BOARD_MASS}" pos="0 0 -0.001" diaginertia="1e-4 1e-4 1e-4"/>
 <joint name="board" type="slide" axis="0 0 1" stiffness="{_BOARD_STIFFNESS}" damping="{damping!r}"/>
 {hole_geoms(component, board.thickness)}</body>
-{mjcf_arm(_tool(component, tip))}
+{mjcf_arm(_tool(component, tip, visual=visual), visual=visual)}
 </worldbody>
 <actuator>{mjcf_actuators()}</actuator>
 <sensor><force name="force" site="ft"/><torque name="torque" site="ft"/></sensor>
@@ -278,42 +288,52 @@ class Scene:
     """The cell's physics and what can be changed in it: where the holes are, what is held, what stands where."""
 
     def __init__(
-        self, board: Board, component: Component, workcell: Workcell | None = None, fidelity: Fidelity = "reference"
+        self,
+        board: Board,
+        component: Component,
+        workcell: Workcell | None = None,
+        fidelity: Fidelity = "reference",
+        integrate: Callable[[Any, Any, int], None] | None = None,  # model, data, number of steps; MuJoCo's if none
     ) -> None:
         self.board = board
         self.component = component
         self.workcell = workcell or Workcell()
-        self.model: Any = mujoco.MjModel.from_xml_string(scene_xml(board, component, self.workcell, fidelity))
+        self.fidelity = fidelity
+        xml = scene_xml(board, component, self.workcell, fidelity, visual=False)
+        self.model: Any = mujoco.MjModel.from_xml_string(xml)
         self.data: Any = mujoco.MjData(self.model)
-        self.substeps = round(CYCLE / _SOLVERS[fidelity].step)
+        self._substeps = round(CYCLE / _SOLVERS[fidelity].step)
+        self._integrate = integrate or mujoco.mj_step
         self.holding = False
+        self.part_waiting = False
+        self.standing: list[tuple[list[float], list[float]]] = []  # position [m], quaternion (w, x, y, z) of each part
+        self._offset = (0.0, 0.0, 0.0)
         self._tip = self.workcell.gripper_reach + component.grip
         self._scratch: Any = mujoco.MjData(self.model)
-        self._colours = self.model.geom_rgba.copy()
+        self._holes = self.model.body("holes").id
         self._part, self._pins = self.model.body("part").id, self.model.body("pins").id
         self._mass = {body: float(self.model.body_mass[body]) for body in (self._part, self._pins)}
         self._inertia = {body: self.model.body_inertia[body].copy() for body in (self._part, self._pins)}
         self._touch = [self.model.geom(f"touch{index}").id for index in range(len(component.pins))]
         self._give = [self.model.joint(name).id for name in ("give_x", "give_y")]
-        self._seated = 0
-        self.release()
-        self.clear_board()
-        self.present_part(False)
+        self._hold(False)
+
+    def step(self) -> None:
+        """Let one control cycle pass."""
+        self._integrate(self.model, self.data, self._substeps)
 
     def place_holes(self, x: float, y: float, yaw: float) -> None:
         """Put the hole pattern that can be touched at (x, y) [m] in base_link, turned by `yaw` [rad]."""
-        body = self.model.body("holes").id
-        self.model.body_pos[body] = (x, y, self.board.z)
-        self.model.body_quat[body] = (math.cos(yaw / 2), 0.0, 0.0, math.sin(yaw / 2))
+        self.model.body_pos[self._holes] = (x, y, self.board.z)
+        self.model.body_quat[self._holes] = (math.cos(yaw / 2), 0.0, 0.0, math.sin(yaw / 2))
 
     def present_part(self, present: bool, x: float = 0.0, y: float = 0.0, yaw: float = 0.0) -> None:
-        """Show a part in the feeder, or none.
+        """Put a part into the feeder, or take it away.
 
         Once gripped it will be off by (x, y) [m] and `yaw` [rad] in the TCP's frame: clamping and bent pins.
         """
         self.part_waiting = present
         self._offset = (x, y, yaw)
-        self._show("waiting", present)
 
     def grasp(self) -> None:
         """Take the feeder's part into the gripper: it exists from now on.
@@ -321,7 +341,7 @@ class Scene:
         The grasp is kinematic, without finger contact: the part is fixed to the gripper where `present_part` said.
         """
         x, y, yaw = self._offset
-        self.present_part(False)
+        self.part_waiting = False
         self.model.body_pos[self._part] = (x, y, self._tip)
         self.model.body_quat[self._part] = (math.cos(yaw / 2), 0.0, 0.0, math.sin(yaw / 2))
         self._hold(True)
@@ -332,19 +352,12 @@ class Scene:
 
     def leave_standing(self) -> None:
         """Let go of the part and leave it to be seen where it is."""
-        name = f"seated{self._seated % len(self.board.holes)}"
-        body = self.model.body(name).id
-        self.model.body_pos[body] = self.data.xpos[self._part]
-        self.model.body_quat[body] = self.data.xquat[self._part]
-        self._show(name, True)
-        self._seated += 1
+        self.standing.append((self.data.xpos[self._part].tolist(), self.data.xquat[self._part].tolist()))
         self._hold(False)
 
     def clear_board(self) -> None:
         """A fresh board: nothing stands in it."""
-        for index in range(len(self.board.holes)):
-            self._show(f"seated{index}", False)
-        self._seated = 0
+        self.standing.clear()
 
     def part_pose(self) -> tuple[Vector, Quaternion]:
         """Where the held part's pin tips are: position [m] and quaternion (x, y, z, w) in base_link."""
@@ -363,13 +376,3 @@ class Scene:
             data.qpos[model.jnt_qposadr[joint]] = 0.0
             data.qvel[model.jnt_dofadr[joint]] = 0.0
         mujoco.mj_setConst(model, self._scratch)
-        self._show("part", holding)
-        gap = self.component.body.size[1] / 2 + (0.0 if holding else GRIPPER.stroke)
-        for index, side in enumerate((-1, 1)):
-            finger = model.geom(f"finger{index}").id
-            model.geom_pos[finger, 1] = side * (gap + model.geom_size[finger, 1])
-
-    def _show(self, body_name: str, visible: bool) -> None:
-        body = self.model.body(body_name)
-        for geom in range(int(body.geomadr[0]), int(body.geomadr[0]) + int(body.geomnum[0])):
-            self.model.geom_rgba[geom, 3] = self._colours[geom, 3] if visible else 0.0

@@ -124,7 +124,7 @@ class SimulatedArm:
             self._target_q[:] = controller.q
             self._target_qd[:] = controller.qd
         scene = self.scene
-        mujoco.mj_step(scene.model, scene.data, scene.substeps)
+        scene.step()
         self.time += CYCLE_NS
         sensor = self.sensor
         sensor.update(self._reading.tolist(), self._tool_rotation())

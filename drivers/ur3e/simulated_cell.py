@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from drivers.ur3e.force_torque import ForceTorqueNoise
 from drivers.ur3e.frames import tool_down, unrotate
@@ -43,10 +44,11 @@ class SimulatedCell:
         fidelity: Fidelity = "reference",
         noise: ForceTorqueNoise | None = ForceTorqueNoise(),  # noqa: B008 - frozen
         session: int = 0,
+        integrate: Callable[[Any, Any, int], None] | None = None,
         gate: Callable[[int], bool] | None = None,
         observe: Callable[[SimulatedArm], None] | None = None,
     ) -> None:
-        self.scene = Scene(board, component, workcell, fidelity)
+        self.scene = Scene(board, component, workcell, fidelity, integrate)
         self.world = World(board, component, tolerances, seed, session)
         self.arm = SimulatedArm(self.scene, seed, noise=noise, gate=gate, observe=observe)
         self.truth: SearchTruth | None = None

@@ -6,6 +6,7 @@ import argparse
 from pathlib import Path
 
 from runtime.errors import InputError
+from runtime.log_file import open_log
 
 
 def view_command(arguments: argparse.Namespace) -> int:
@@ -15,6 +16,8 @@ def view_command(arguments: argparse.Namespace) -> int:
     if arguments.output and arguments.rerun != "save":
         raise InputError("--output names the file that --rerun save writes; add --rerun save")
     log = Path(arguments.log)
+    with open_log(log):
+        pass  # a log that cannot be read is said before anything is opened
     save = Path(arguments.output) if arguments.output else log.with_suffix(".rrd")
     view(log, arguments.rerun, save if arguments.rerun == "save" else None)
     return 0

@@ -1,0 +1,90 @@
+"""A whole job without bus, log or other plugins: the same physics, controller, skill and strategy in one plain loop."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import mujoco
+
+from drivers.ur3e.job import attempt_message
+from drivers.ur3e.simulated_cell import SimulatedCell
+from drivers.ur3e.skill import InsertionSkill
+from runtime import registry
+from runtime.assembly import goal_for
+from runtime.belief import belief_about
+from runtime.clock import Stopwatch
+from runtime.component import component
+from runtime.config import Cell, redacted_cell
+from runtime.messages import NANOSECONDS, Attempt, Belief, Outcome, Seat, header
+from runtime.plugin import BareRun
+from runtime.strategy_host import SearchSession
+
+if TYPE_CHECKING:
+    from drivers.ur3e.driver import MujocoUr3e
+
+
+@dataclass
+class _TimedPhysics:
+    """MuJoCo's step with a stopwatch around it."""
+
+    seconds: float = 0.0
+    watch: Stopwatch = field(default_factory=Stopwatch)
+
+    def __call__(self, model: Any, data: Any, steps: int) -> None:
+        begun = self.watch.seconds
+        mujoco.mj_step(model, data, steps)
+        self.seconds += self.watch.seconds - begun
+
+
+def bare_run(settings: MujocoUr3e, cell: Cell) -> BareRun:
+    """Work through the cell's boards from an empty store; tells how long it took and what of it was physics."""
+    part = component(cell.component)
+    physics = _TimedPhysics()
+    world = SimulatedCell(
+        cell.board,
+        part,
+        cell.tolerances,
+        cell.seed,
+        workcell=settings.workcell,
+        fidelity=settings.fidelity,
+        integrate=physics,
+    )
+    arm = world.arm
+    skill = InsertionSkill(arm, settings.workcell, cell.board, part, settings.skill)
+    decide = redacted_cell(cell, "assembly")
+    session = SearchSession(registry.strategy(cell.strategy, cell.strategies.get(cell.strategy, {}), "cell"))
+    seats: list[Seat] = []
+    attempts = inserted = search = 0
+    watch = Stopwatch()
+    for board in range(1, cell.boards + 1):
+        for hole in cell.board.holes:
+            search += 1
+            distribution, count = belief_about(hole.name, seats, cell.search.prior_width, session="bare", board=board)
+            belief = Belief(header(arm.time), cell.board.type, hole.name, count, distribution, list(seats))
+            goal = goal_for(decide, hole, belief, board, search, arm.time)
+            world.begin_search(search, board, hole.name)
+            if world.board_changed:
+                skill.home()
+            skill.pick()
+            candidate = session.begin(goal)
+            attempt: Attempt | None = None
+            while not candidate.exhausted:
+                peck = skill.peck(hole, candidate.proposal.x, candidate.proposal.y)
+                attempt = attempt_message(goal, candidate, peck, arm.time)
+                attempts += 1
+                following = session.observe(attempt)
+                if following is None:
+                    break
+                candidate = following
+            if attempt is not None and attempt.outcome == Outcome.SEATED:
+                skill.release()
+                inserted += 1
+                x, y = (
+                    attempt.pose.position.x - goal.nominal.position.x,
+                    attempt.pose.position.y - goal.nominal.position.y,
+                )
+                seats.append(Seat("bare", board, hole.name, attempt.x, attempt.y, x, y))
+            else:
+                skill.discard()
+    return BareRun(arm.time / NANOSECONDS, watch.seconds, physics.seconds, attempts, inserted)

@@ -1,0 +1,86 @@
+"""palpate bench: figures measured on this machine, as ratios from one run."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import tempfile
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+from rich.table import Table
+
+from runtime import config
+from runtime.errors import InputError, SessionError
+from runtime.launcher import Order, launch
+from runtime.messages import Ending
+from runtime.plugin import BareRun
+from runtime.registry import driver
+
+
+def bench_command(arguments: argparse.Namespace) -> int:
+    """Measure, print a table, write the figures where asked."""
+    figures = {"sim": bench_sim}[arguments.what](arguments)
+    if arguments.json:
+        try:
+            Path(arguments.json).write_text(json.dumps(figures, indent=2) + "\n", encoding="utf-8")
+        except OSError as error:
+            raise InputError(f"figures cannot be written to {arguments.json}: {error.strerror}") from None
+    return 0
+
+
+def bench_sim(arguments: argparse.Namespace) -> dict[str, float]:
+    """Real-time factors of bare physics, of physics with controller, and of the whole cell, on one cell and seed."""
+    overrides: dict[str, Any] = {
+        name: getattr(arguments, name) for name in ("strategy", "seed") if getattr(arguments, name) is not None
+    }
+    if arguments.port is not None:
+        overrides["bus"] = {"port": arguments.port}
+    cell_file = config.load(arguments.cell, overrides | {"rate": "max"})
+    cell = cell_file.cell
+    robot = driver(cell.robot, cell.drivers.get(cell.robot, {}), cell_file.name)
+    run = getattr(robot, "bare_run", None)
+    if run is None:
+        raise InputError(f"{cell_file.name}: {cell.robot} is not simulated; there is nothing to measure")
+    bare: BareRun = run(cell)
+    with tempfile.TemporaryDirectory() as folder:
+        session = launch(Order(cell_file, Path(folder), fresh=True), lambda _progress: None)
+    inserted = sum(result.ending == Ending.INSERTED for result in session.results)
+    if (inserted, sum(result.attempts for result in session.results)) != (bare.inserted, bare.attempts):
+        raise SessionError("the bare loop and the cell did not do the same job: their decisions differ")
+    figures = {
+        "rtf_physics": bare.session_time / bare.physics_time,
+        "rtf_controller": bare.session_time / bare.machine_time,
+        "rtf_cell": session.duration / session.machine_time,
+        "session_time_s": session.duration,
+        "attempts": float(bare.attempts),
+        "inserted": float(inserted),
+    }
+    _show(figures, f"{cell_file.name}, {cell.strategy}, seed {cell.seed}")
+    return figures
+
+
+def _show(figures: dict[str, float], what: str) -> None:
+    console = Console()
+    table = Table(box=None, pad_edge=False)
+    for heading in ("loop", "x real time", "of physics", "of controller"):
+        table.add_column(heading, justify="left" if heading == "loop" else "right")
+    rows = {
+        "physics alone": figures["rtf_physics"],
+        "with controller, skill and strategy": figures["rtf_controller"],
+        "whole cell with bus and recording": figures["rtf_cell"],
+    }
+    for name, factor in rows.items():
+        table.add_row(
+            name,
+            f"{factor:.1f}",
+            f"{factor / figures['rtf_physics']:.2f}",
+            f"{factor / figures['rtf_controller']:.2f}",
+        )
+    console.print(table)
+    console.print(
+        f"{what}: {figures['session_time_s']:.1f} s of session time, "
+        f"{figures['attempts']:.0f} attempts, {figures['inserted']:.0f} inserted",
+        highlight=False,
+    )
