@@ -67,5 +67,5 @@ def make(role: str, cell: Cell, where: str, options: dict[str, Any]) -> Driver:
     if role == VIEWER:
         from runtime.viewer import Viewer
 
-        return Viewer(mode=options["mode"], path=Path(options["path"]) if options["path"] else None)
+        return Viewer(mode=options["mode"], path=options["path"])
     raise PluginError(f"no plugin plays the role {role!r}; known: {', '.join(CLOSING_ORDER)}")

@@ -80,10 +80,8 @@ def bare_run(settings: MujocoUr3e, cell: Cell) -> BareRun:
             if attempt is not None and attempt.outcome == Outcome.SEATED:
                 skill.release()
                 inserted += 1
-                x, y = (
-                    attempt.pose.position.x - goal.nominal.position.x,
-                    attempt.pose.position.y - goal.nominal.position.y,
-                )
+                where, nominal = attempt.pose.position, goal.nominal.position
+                x, y = where.x - nominal.x, where.y - nominal.y
                 seats.append(Seat("bare", board, hole.name, attempt.x, attempt.y, x, y))
             else:
                 skill.discard()
