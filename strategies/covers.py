@@ -11,7 +11,7 @@ from runtime.belief import Array, covariance_of, disc_mass, disc_mass_gradient, 
 from runtime.messages import Gaussian
 from strategies.patterns import Offset, lattice
 
-_STEPS = 120  # of ascent; the covers have settled to a twentieth of a radius by then
+_STEPS = 120  # of ascent: plans within about 20 ms; run to rest, the covers' summed mass changes by less than a tenth
 _GOLDEN_ANGLE = math.pi * (3 - math.sqrt(5))  # [rad]
 _MILLIMETRE = 1e-3  # [m]
 

@@ -82,7 +82,7 @@ def test_recording_a_search_again_changes_nothing(path: Path) -> None:
     with PosteriorStore(path) as store:
         assert store.record("driver", found(1), "monday", tries(1), scope=REAL)
         before = store.seats("driver", "igbt", scope=REAL), store.attempts("driver", "igbt", scope=REAL)
-        assert not store.record("driver", found(1, x=9e-4), "monday", tries(1) * 1, scope=REAL)
+        assert not store.record("driver", found(1, x=9e-4), "monday", tries(1), scope=REAL)
         after = store.seats("driver", "igbt", scope=REAL), store.attempts("driver", "igbt", scope=REAL)
         assert [seat.x for seat in after[0]] == [seat.x for seat in before[0]] == [1e-4]
         assert after[1] == before[1]

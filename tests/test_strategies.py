@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from pydantic import TypeAdapter, ValidationError
 from search_world import WORLDS, Line, World, attempt_at, goal_for, run_search
 
 from runtime.belief import disc_mass, gaussian, isotropic
@@ -117,6 +118,38 @@ def test_is_a_strategy_with_frozen_settings(make: Callable[[], Strategy]) -> Non
     for setting in dataclasses.fields(strategy):
         with pytest.raises(dataclasses.FrozenInstanceError):
             setattr(strategy, setting.name, getattr(strategy, setting.name))
+
+
+@pytest.mark.parametrize(
+    ("cls", "given_as", "expected"),
+    [
+        (Linear, {"stride": "0.2 mm", "angle": "30 deg"}, Linear(stride=2e-4, angle=math.pi / 6)),
+        (Spiral, {"radius": "1 mm", "start": "pooled"}, Spiral(radius=1e-3, start="pooled")),
+        (Hybrid, {"order": "sequence", "cycles": 8}, Hybrid(order="sequence", cycles=8)),
+        (Meta, {"repulsion": "5 mm^-2", "update": "mle"}, Meta(repulsion=5e6, update="mle")),
+    ],
+)
+def test_settings_are_written_with_units(cls: type, given_as: dict[str, object], expected: Strategy) -> None:
+    read = TypeAdapter(cls).validate_python(given_as)
+    assert dataclasses.asdict(read) == pytest.approx(dataclasses.asdict(expected))
+
+
+@pytest.mark.parametrize(
+    ("cls", "wrong"),
+    [
+        (Linear, {"stride": 0.2}),
+        (Linear, {"stride": "0 mm"}),
+        (Spiral, {"radius": "3 deg"}),
+        (Spiral, {"pitch": 0.0}),
+        (Hybrid, {"order": "both"}),
+        (Meta, {"covers": 0}),
+        (Meta, {"repulsion": "-1 mm^-2"}),
+        (Meta, {"start": "guess"}),
+    ],
+)
+def test_settings_out_of_range_are_refused(cls: type, wrong: dict[str, object]) -> None:
+    with pytest.raises(ValidationError, match=next(iter(wrong))):
+        TypeAdapter(cls).validate_python(wrong)
 
 
 @every_strategy
