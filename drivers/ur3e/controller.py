@@ -171,8 +171,9 @@ class Controller:
         return result
 
     def _advance(self, change: list[float], motion: Motion | None, dt: float) -> None:
-        largest = [abs(value) / limit for value, limit in zip(change, _LIMITS, strict=True)]
-        excess = max(largest)
+        a, b, c, d, e, f = change
+        k, m, n, o, p, q = _LIMITS
+        excess = max(abs(a) / k, abs(b) / m, abs(c) / n, abs(d) / o, abs(e) / p, abs(f) / q)
         if excess > 1.0:
             if excess > _SINGULAR:
                 self.halt()
@@ -182,10 +183,11 @@ class Controller:
                 )
             change = [value / excess for value in change]
         moved = self.q + change
-        for angle, reach in zip(moved.tolist(), _REACH, strict=True):
-            if abs(angle) > reach:
-                self.halt()
-                raise ArmError(f"beyond the joints' limits: {described(self.position, self.rotation)}")
+        a, b, c, d, e, f = moved.tolist()
+        k, m, n, o, p, q = _REACH
+        if not (-k <= a <= k and -m <= b <= m and -n <= c <= n and -o <= d <= o and -p <= e <= p and -q <= f <= q):
+            self.halt()
+            raise ArmError(f"beyond the joints' limits: {described(self.position, self.rotation)}")
         self.q = moved
         self.qd = [value / CYCLE for value in change]
         self._top_speed = max(map(abs, self.qd)) / self.scaling

@@ -45,7 +45,7 @@ class ForceTorqueSensor:
         self._mass = 0.0
         self._centre: Vector = (0.0, 0.0, 0.0)
         self._zero = [0.0] * 6
-        self._smooth = [0.0] * 6
+        self._smooth = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
         self.raw = [0.0] * 6  # [N, Nm] measured, nothing corrected
         self.wrench = [
             0.0
@@ -63,30 +63,36 @@ class ForceTorqueSensor:
 
     def update(self, reading: Sequence[float], rotation: Rotation) -> None:
         """Take in one cycle: the wrench (6,) the arm exerts on the tool, and the tool's rotation in base_link."""
-        smooth, raw = self._smooth, self.raw
         if self._noise is None:
-            for i in range(6):
-                raw[i] = smooth[i] = -reading[i]
+            rx, ry, rz, sx, sy, sz = (-value for value in reading)
         else:
             if self._next == len(self._block):
                 self._draw(self._noise)
-            extra = self._block[self._next]
+            a, b, c, d, e, f = self._block[self._next]
             self._next += 1
             gain = self._gain
-            for i in range(6):
-                smooth[i] -= gain * (reading[i] + smooth[i])
-                raw[i] = smooth[i] + extra[i]
+            x, y, z, u, v, w = self._smooth
+            fx, fy, fz, tx, ty, tz = reading
+            x -= gain * (fx + x)
+            y -= gain * (fy + y)
+            z -= gain * (fz + z)
+            u -= gain * (tx + u)
+            v -= gain * (ty + v)
+            w -= gain * (tz + w)
+            self._smooth = (x, y, z, u, v, w)
+            rx, ry, rz, sx, sy, sz = x + a, y + b, z + c, u + d, v + e, w + f
+        self.raw = [rx, ry, rz, sx, sy, sz]
         weight = -GRAVITY * self._mass
         gx, gy, gz = weight * rotation[6], weight * rotation[7], weight * rotation[8]
         cx, cy, cz = self._centre
-        zero = self._zero
+        zx, zy, zz, zu, zv, zw = self._zero
         self.wrench = [
-            raw[0] - gx - zero[0],
-            raw[1] - gy - zero[1],
-            raw[2] - gz - zero[2],
-            raw[3] - (cy * gz - cz * gy) - zero[3],
-            raw[4] - (cz * gx - cx * gz) - zero[4],
-            raw[5] - (cx * gy - cy * gx) - zero[5],
+            rx - gx - zx,
+            ry - gy - zy,
+            rz - gz - zz,
+            sx - (cy * gz - cz * gy) - zu,
+            sy - (cz * gx - cx * gz) - zv,
+            sz - (cx * gy - cy * gx) - zw,
         ]
 
     def zero(self) -> None:

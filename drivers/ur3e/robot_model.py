@@ -184,6 +184,10 @@ def _mjcf_geom(shape: Rod | Block) -> str:
     return f'<geom {place} material="{shape.colour}" contype="0" conaffinity="0" mass="0" group="1"/>'
 
 
+def _mjcf_geoms(link: str, visual: bool) -> str:
+    return "".join(_mjcf_geom(shape) for shape in SHAPES[link]) if visual else ""
+
+
 def mjcf_materials() -> str:
     """The shapes' colours as MJCF assets."""
     return "".join(
@@ -192,7 +196,7 @@ def mjcf_materials() -> str:
     )
 
 
-def mjcf_arm(tool: str = "") -> str:
+def mjcf_arm(tool: str = "", *, visual: bool = True) -> str:
     """The arm as nested MJCF bodies, standing at the world's origin; `tool` is put into the gripper's body.
 
     The force-torque sensor's site `ft` is at the flange. Gravity is balanced (`gravcomp`), as a controller does that
@@ -201,7 +205,7 @@ def mjcf_arm(tool: str = "") -> str:
     inner = (
         f'<body name="gripper" gravcomp="1"><inertial mass="{GRIPPER.mass!r}" pos="{numbers(GRIPPER.centre_of_mass)}"'
         f' diaginertia="{numbers(GRIPPER.inertia)}"/><site name="ft" size="0.001" rgba="0 0 0 0"/>'
-        + "".join(_mjcf_geom(shape) for shape in SHAPES["gripper"])
+        + _mjcf_geoms("gripper", visual)
         + f"{tool}</body>"
     )
     for joint in reversed(JOINTS):
@@ -213,10 +217,10 @@ def mjcf_arm(tool: str = "") -> str:
             f'<joint name="{joint.name}" axis="0 0 1" range="{-joint.reach!r} {joint.reach!r}"'
             f' armature="{joint.armature!r}" damping="{joint.damping!r}"'
             f' actuatorfrcrange="{-joint.effort!r} {joint.effort!r}"/>'
-            + "".join(_mjcf_geom(shape) for shape in SHAPES[joint.link])
+            + _mjcf_geoms(joint.link, visual)
             + f"{inner}</body>"
         )
-    base = "".join(_mjcf_geom(shape) for shape in SHAPES["base_link_inertia"])
+    base = _mjcf_geoms("base_link_inertia", visual)
     turn = numbers(quaternion_of_rpy((0.0, 0.0, math.pi)))
     return f'<body name="base_link_inertia" quat="{turn}">{base}{inner}</body>'
 
