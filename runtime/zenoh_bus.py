@@ -160,6 +160,8 @@ class ZenohBus:
         except zenoh.ZError as error:
             raise BusError(f"no cell answers on {LOOPBACK}:{port}: {str(error).splitlines()[0][:120]}") from None
         self._id = str(self._session.zid())
+        # Direct: by default every subscriber has a thread of its own, and the order between topics is lost.
+        self._handler = zenoh.handlers.Callback(self._on_sample, indirect=False)
 
     def _entity(self) -> int:
         return len(self._declared) + len(self._publishers) + 1
@@ -180,16 +182,16 @@ class ZenohBus:
             if topic.latched:
                 self._declared.append(
                     ext.declare_advanced_subscriber(
-                        self._session, name, self._on_sample, history=ext.HistoryConfig(detect_late_publishers=True)
+                        self._session, name, self._handler, history=ext.HistoryConfig(detect_late_publishers=True)
                     )
                 )
             else:
-                self._declared.append(self._session.declare_subscriber(name, self._on_sample))
+                self._declared.append(self._session.declare_subscriber(name, self._handler))
             self._declared.append(self._session.liveliness().declare_token(token))
 
     def subscribe_all(self) -> None:
         """Let every message of the cell arrive in `inbox`."""
-        self._declared.append(self._session.declare_subscriber(f"{self._domain}/**", self._on_sample))
+        self._declared.append(self._session.declare_subscriber(f"{self._domain}/**", self._handler))
 
     def _on_sample(self, sample: zenoh.Sample) -> None:
         try:
@@ -216,7 +218,8 @@ class ZenohBus:
 
             self.inbox.put(Request(service.name, bytes(query.payload or b""), answer))
 
-        self._declared.append(self._session.declare_queryable(_service_key(service), on_query, complete=True))
+        handler = zenoh.handlers.Callback(on_query, indirect=False)
+        self._declared.append(self._session.declare_queryable(_service_key(service), handler, complete=True))
 
     def request(self, service: Service[RequestT, ReplyT], message: RequestT, timeout: float) -> ReplyT:
         """Ask and wait."""

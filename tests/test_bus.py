@@ -183,3 +183,15 @@ def test_only_one_file_imports_zenoh() -> None:
         if any(line.startswith(("import zenoh", "from zenoh")) for line in path.read_text().splitlines())
     ]
     assert importing == ["runtime/zenoh_bus.py"]
+
+
+def test_topics_of_one_sender_arrive_in_the_order_in_which_they_were_sent(meeting: Meeting) -> None:
+    sender, receiver = meeting.join("light_curtain"), meeting.join("interlock")
+    plain, latched = sender.publisher(RESET), sender.publisher(ARM_STATUS)
+    receiver.subscribe(RESET, ARM_STATUS)
+    meeting.begin()
+    for number in range(1, 301):
+        plain.send(Reset(header(number), ""), 2 * number)
+        latched.send(ArmStatus(header(number), 7, 1, 1.0, "", ""), 2 * number + 1)
+    arrived = [next_envelope(receiver).stamp for _ in range(600)]
+    assert arrived == sorted(arrived)
