@@ -8,11 +8,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from PIL import Image
+from pydantic import TypeAdapter, ValidationError
 
 from drivers.ur3e.frames import rotation_of_quaternion, tool_down
 from drivers.ur3e.parameters import CYCLE_NS
+from drivers.ur3e.simulated_arm import SimulatedArm
 from drivers.ur3e.simulated_cell import SimulatedCell
-from drivers.ur3e.skill import InsertionSkill, Peck
+from drivers.ur3e.skill import InsertionSkill, Peck, SkillSettings
+from drivers.ur3e.workcell import Workcell
 from drivers.ur3e.world import World
 from runtime.cell import Board, Hole, Tolerances
 from runtime.component import component
@@ -177,6 +180,39 @@ def test_a_safeguard_stop_during_the_descent_spoils_the_peck_but_not_the_next() 
     assert peck.duration > 1.0
     assert skill.peck(BOARD.holes[0], 1e-3, 0.0).outcome is Outcome.BLOCKED
     assert skill.peck(BOARD.holes[0], 0.0, 0.0).outcome is Outcome.SEATED
+
+
+def test_the_gripper_waits_for_a_safeguard_stop_to_end() -> None:
+    closing: list[tuple[int, bool]] = []
+    permitted_from = 30 * 1000 * CYCLE_NS
+
+    def gate(time: int) -> bool:
+        return not arrived or time >= permitted_from
+
+    def observe(arm: SimulatedArm) -> None:
+        feeder = (0.30, -0.20, 0.06)
+        if not arrived and math.dist(arm.controller.position, feeder) < 1e-9:
+            arrived.append(arm.time)
+        if arm.holding and not closing:
+            closing.append((arm.time, gate(arm.time)))
+
+    arrived: list[int] = []
+    cell = SimulatedCell(BOARD, CAPACITOR, NONE, 2, gate=gate, observe=observe)
+    skill = InsertionSkill(cell.arm, cell.scene.workcell, BOARD, CAPACITOR)
+    cell.begin_search(1, 1, "h1")
+    skill.pick()
+    assert arrived[0] < permitted_from
+    assert closing[0][0] >= permitted_from
+
+
+def test_workcell_and_skill_are_filled_from_texts_with_units() -> None:
+    degrees = [f"{angle} deg" for angle in (-24, -96, 108, -102, -90, -114)]
+    workcell = TypeAdapter(Workcell).validate_python({"home": degrees, "feeder_x": "310 mm"})
+    assert workcell.home == pytest.approx(Workcell().home)
+    assert workcell.feeder_x == pytest.approx(0.31)
+    assert TypeAdapter(SkillSettings).validate_python({"contact_force": "4 N"}).contact_force == 4.0
+    with pytest.raises(ValidationError, match="has no unit"):
+        TypeAdapter(Workcell).validate_python({"feeder_x": 310})
 
 
 def test_an_unknown_hole_is_refused() -> None:

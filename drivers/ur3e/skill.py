@@ -13,7 +13,7 @@ from typing import Annotated
 from pydantic import Field
 
 from drivers.ur3e import frames
-from drivers.ur3e.arm import GRIPPER_PIN, NORMAL, PROTECTIVE_STOP, Arm
+from drivers.ur3e.arm import GRIPPER_PIN, NORMAL, PROTECTIVE_STOP, SAFEGUARD_STOP, Arm
 from drivers.ur3e.frames import Quaternion, Vector
 from drivers.ur3e.parameters import CYCLE
 from drivers.ur3e.workcell import Workcell
@@ -230,6 +230,10 @@ class InsertionSkill:
             self._arm.waitPeriod(cycle)
 
     def _grip(self, closed: bool) -> None:
+        """Open or close the gripper; not while a safeguard stop lasts."""
+        while self._arm.getSafetyMode() == SAFEGUARD_STOP:
+            cycle = self._arm.initPeriod()
+            self._arm.waitPeriod(cycle)
         self._arm.setToolDigitalOut(GRIPPER_PIN, closed)
         self._dwell(self._settings.gripper_time)
 
