@@ -37,12 +37,15 @@ def attempts_of(path: Path) -> list[Attempt]:
 
 def decisions_of(path: Path) -> list[tuple[object, ...]]:
     """Everything that was decided and felt, with session times."""
+    found: list[tuple[object, ...]] = []
     with open_log(path) as log:
-        return [
-            *((stamp, item.search, item.number, item.proposal.x, item.proposal.y) for stamp, item in log.read(topics.CANDIDATE)),
-            *((stamp, item.search, item.outcome, item.depth, item.peak_force) for stamp, item in log.read(topics.ATTEMPT)),
-            *((stamp, item.search, item.ending, item.duration) for stamp, item in log.read(topics.SEARCH_RESULT)),
-        ]  # fmt: skip
+        for stamp, item in log.read(topics.CANDIDATE):
+            found.append((stamp, item.search, item.number, item.proposal.x, item.proposal.y))
+        for stamp, felt in log.read(topics.ATTEMPT):
+            found.append((stamp, felt.search, felt.outcome, felt.depth, felt.peak_force))
+        for stamp, result in log.read(topics.SEARCH_RESULT):
+            found.append((stamp, result.search, result.ending, result.duration))
+    return found
 
 
 def run_here(folder: Path, text: str, **overrides: object) -> Path:
@@ -173,7 +176,8 @@ def test_a_broken_beam_stops_the_arm_in_that_cycle_and_the_attempt_goes_on(tmp_p
         speeds = [(stamp, max(map(abs, state.velocity))) for stamp, state in log.read(topics.JOINT_STATES)]
     refused = [permit for permit in permits if not permit.granted and nanoseconds_of(permit.header.stamp) > 0]
     assert nanoseconds_of(refused[0].header.stamp) == broken
-    assert all(nanoseconds_of(permit.valid_until) <= broken for permit in permits if permit.granted and nanoseconds_of(permit.header.stamp) < broken)  # fmt: skip
+    before = [permit for permit in permits if permit.granted and nanoseconds_of(permit.header.stamp) < broken]
+    assert all(nanoseconds_of(permit.valid_until) <= broken for permit in before)
     assert {SafetyState(permit.state) for permit in refused} == {SafetyState.TRIPPED, SafetyState.LOCKED}
     assert all(
         permit.state == SafetyState.LOCKED for permit in refused if nanoseconds_of(permit.header.stamp) >= cleared
