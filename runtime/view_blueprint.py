@@ -15,7 +15,7 @@ from runtime.view_tracks import TIMELINE
 
 _GREEN, _AMBER, _RED, _GREY, _BLUE = 0x2E9E5BFF, 0xD99A1CFF, 0xD64541FF, 0x6B7280FF, 0x3B82F6FF
 _STATES: dict[str, dict[str, int]] = {
-    INTERLOCK: {"PERMITTED": _GREEN, "LOCKED": _AMBER, "TRIPPED": _RED, "FAULT": _RED},
+    INTERLOCK: {"permitted": _GREEN, "locked": _AMBER, "tripped": _RED, "fault": _RED},
     ARM: {"normal": _GREEN, "reduced": _AMBER, "safeguard stop": _RED, "protective stop": _RED, "fault": _RED},
     SESSION: {"starting": _GREY, "running": _BLUE, "done": _GREEN, "closing": _GREY, "failed": _RED},
 }
@@ -31,26 +31,32 @@ def styles(recording: Any) -> None:
             colors=np.array(list(colours.values()), dtype=np.uint32),
         )
         recording.log(entity, lane, static=True)
-    recording.log(FORCE, rr.SeriesLines(colors=(250, 204, 21), names="|F|", widths=1.5), static=True)
-    recording.log(FORCE_Z, rr.SeriesLines(colors=(96, 165, 250), names="Fz", widths=1.5), static=True)
-    steps = "StepAfter"
-    attempts = rr.SeriesLines(colors=(235, 94, 72), names="this search", widths=2.0, interpolation_mode=steps)
+    recording.log(
+        FORCE, rr.SeriesLines(colors=(250, 204, 21), names="|F|", widths=1.5, aggregation_policy="MinMax"), static=True
+    )
+    recording.log(
+        FORCE_Z, rr.SeriesLines(colors=(96, 165, 250), names="Fz", widths=1.5, aggregation_policy="MinMax"), static=True
+    )
+    steps = {"widths": 2.0, "interpolation_mode": "StepAfter", "aggregation_policy": "Off"}
+    attempts = rr.SeriesLines(colors=(235, 94, 72), names="this search", **steps)
     recording.log(ATTEMPTS, attempts, static=True)
-    total = rr.SeriesLines(colors=(186, 148, 240), names="in all", widths=2.0, interpolation_mode=steps)
+    total = rr.SeriesLines(colors=(186, 148, 240), names="in all", **steps)
     recording.log(TOTAL, total, static=True)
     recording.log(DURATION, rr.SeriesPoints(colors=(72, 199, 116), names="search", marker_sizes=5.0), static=True)
 
 
 def blueprint(board: Board, radius: float) -> Any:
     """The layout for a board and searches within `radius` [m]."""
-    target = (board.x * 0.78, board.y, board.z + 0.13)
+    target = (board.x * 0.75, board.y, board.z + 0.115)
     eye = rrb.EyeControls3D(
-        position=(board.x + 0.42, board.y - 0.62, board.z + 0.48), look_target=target, eye_up=(0.0, 0.0, 1.0)
+        position=(board.x + 0.26, board.y - 0.45, board.z + 0.36), look_target=target, eye_up=(0.0, 0.0, 1.0)
     )
     arm = rrb.Spatial3DView(
         origin="/",
         contents=["/robot/**", "/cell/**"],
         name="Cell",
+        # as Rerun reads them, a URDF's shapes are wire frames
+        defaults=[shape.from_fields(fill_mode="solid") for shape in (rr.Cylinders3D, rr.Boxes3D)],
         eye_controls=eye,
         background=[24, 27, 34],
         line_grid=rrb.LineGrid3D(visible=True, spacing=0.1, color=[70, 74, 84]),
@@ -64,15 +70,17 @@ def blueprint(board: Board, radius: float) -> Any:
     )
     force = _plot("Force on the tool, N", "/plots/force")
     plots = rrb.Horizontal(
-        _plot("Attempts, this search", "/plots/attempts"),
-        _plot("Attempts, in all", "/plots/total"),
-        _plot("Duration of searches, s", "/plots/duration"),
+        _plot("Attempts: search", "/plots/attempts"),
+        _plot("Attempts: all", "/plots/total"),
+        _plot("Search time, s", "/plots/duration"),
     )
-    states = rrb.StateTimelineView(origin="/states", name="Interlock, arm, session")
-    text = rrb.TextLogView(origin=f"/{LOG}", name="Log")
+    lanes = [f"/{lane}" for lane in _STATES]
+    states = rrb.StateTimelineView(origin="/", contents=lanes, name="Interlock, arm, session")
+    columns = rrb.TextLogColumns(timeline_columns=[TIMELINE], text_log_columns=["loglevel", "body"])
+    text = rrb.TextLogView(origin=f"/{LOG}", name="Log", columns=columns)
     return rrb.Blueprint(
         rrb.Horizontal(
-            rrb.Vertical(arm, states, text, row_shares=[6.0, 1.7, 2.3]),
+            rrb.Vertical(arm, states, text, row_shares=[5.8, 2.0, 2.2]),
             rrb.Vertical(hole, force, plots, row_shares=[5.6, 2.2, 2.2]),
             column_shares=[5.5, 4.5],
         ),

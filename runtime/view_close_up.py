@@ -113,9 +113,8 @@ class CloseUp:
             ("earlier seats", EARLIER),
             ("true place", TRUE[:3]),
         ]
-        places = [_seen((-1.1 * reach + 0.0 * index, (1.2 - 0.12 * index) * reach)) for index in range(len(entries))]
-        colours = [colour for _, colour in entries]
-        self._log("legend", _labels(places, [text for text, _ in entries], colours, 0.02 * reach))
+        places = [_seen((-1.35 * reach, (1.2 - 0.15 * index) * reach)) for index in range(len(entries))]
+        self._log("legend", _labels(places, [text for text, _ in entries], [colour for _, colour in entries]))
 
     def _log(self, name: str, what: Any) -> None:
         self._recording.log(f"{CLOSE_UP}/{name}", what)
@@ -142,8 +141,8 @@ def _points(places: list[tuple[float, float]], colours: Any, radius: float, orde
     return rr.Points2D([_seen(place) for place in places], colors=colours, radii=radius, draw_order=order)
 
 
-def _labels(places: list[tuple[float, float]], labels: list[str], colours: Any, radius: float = 1e-3) -> Any:
-    return rr.Points2D(places, labels=labels, colors=colours, radii=radius, show_labels=True, draw_order=50.0)
+def _labels(places: list[tuple[float, float]], labels: list[str], colours: Any) -> Any:
+    return rr.Points2D(places, labels=labels, colors=colours, radii=1e-4, show_labels=True, draw_order=50.0)
 
 
 def _label(place: tuple[float, float], text: str, colour: Any) -> Any:

@@ -2,7 +2,8 @@
 
 Entities:   robot/, cell/   3D: the arm, the board, the part in the gripper
             hole/           2D: the search in hand
-            plots/, states/ lines and lanes over session time
+            plots/          lines over session time
+            interlock, arm, session    lanes of states
             log             text
 """
 
@@ -37,7 +38,7 @@ ATTEMPTS = "plots/attempts/this_search"
 TOTAL = "plots/total/attempts"
 DURATION = "plots/duration/search"
 LOG = "log"
-INTERLOCK, ARM, SESSION = "states/interlock", "states/arm", "states/session"
+INTERLOCK, ARM, SESSION = "interlock", "arm", "session"
 _ROOT = "tf#/"  # Rerun's name for the frame of the topmost entity
 _SAFETY_MODES = {  # UR RTDE guide, safety_mode
     1: "normal", 2: "reduced", 3: "protective stop", 4: "recovery", 5: "safeguard stop", 6: "emergency stop",
@@ -173,10 +174,8 @@ class Scene:
     def _truth(self, truth: m.Truth, _: int) -> None:
         self._close_up.truth(truth, self._goal.feasible_radius if self._goal is not None else 0.1e-3)
 
-    def _candidate(self, candidate: m.Candidate, stamp: int) -> None:
+    def _candidate(self, candidate: m.Candidate, _: int) -> None:
         self._close_up.candidate(candidate)
-        if candidate.exhausted:
-            self._say(stamp, "strategy", 30, f"no candidate left: {candidate.reason}")
 
     def _attempt(self, attempt: m.Attempt, stamp: int) -> None:
         self._total += 1
@@ -190,25 +189,17 @@ class Scene:
         if self._goal is not None and self._board is not None:
             self._board.finish(self._goal, result)
         self._recording.log(DURATION, rr.Scalars(result.duration))
-        ending = m.Ending(result.ending).name.lower()
-        why = f": {result.reason}" if result.reason else ""
-        level = 20 if result.ending == m.Ending.INSERTED else 30
-        text = f"board {result.board} hole {result.hole}: {ending} after {result.attempts} attempts{why}"
-        self._say(stamp, "assembly", level, text)
+        if result.ending == m.Ending.INSERTED:  # of the others the assembly itself tells
+            text = f"board {result.board} hole {result.hole}: seated after {result.attempts} attempts"
+            self._say(stamp, "assembly", 20, text)
 
-    def _arm(self, status: m.ArmStatus, stamp: int) -> None:
+    def _arm(self, status: m.ArmStatus, _: int) -> None:
         if not status.holding:
             self._recording.log(f"{HELD}/part", rr.Clear(recursive=True))
-        mode = _SAFETY_MODES.get(status.safety_mode, f"safety mode {status.safety_mode}")
-        if self._state(ARM, mode) and status.safety_mode != 1:
-            self._say(stamp, "arm", 30, f"{mode}: {status.activity}")
+        self._state(ARM, _SAFETY_MODES.get(status.safety_mode, f"safety mode {status.safety_mode}"))
 
-    def _permit(self, permit: m.Permit, stamp: int) -> None:
-        state = m.SafetyState(permit.state)
-        if self._state(INTERLOCK, state.name):
-            why = f": {permit.reason}" if permit.reason else ""
-            level = 20 if permit.granted else 30
-            self._say(stamp, "interlock", level, f"motion {'permitted' if permit.granted else 'forbidden'}{why}")
+    def _permit(self, permit: m.Permit, _: int) -> None:
+        self._state(INTERLOCK, m.SafetyState(permit.state).name.lower())
 
     def _session(self, state: m.SessionState, stamp: int) -> None:
         if self._state(SESSION, m.Phase(state.phase).name.lower()):

@@ -1,4 +1,4 @@
-"""What changes many times a second, gathered in columns: Rerun takes those a hundred times faster than single values."""
+"""What changes many times a second, in columns: Rerun takes those a hundred times faster than single values."""
 
 from __future__ import annotations
 

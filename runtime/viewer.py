@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import json
 import os
+import signal
 import socket
 import subprocess
 import sys
@@ -125,7 +126,7 @@ def check(mode: str, save: Path | None) -> None:
         )
 
 
-def _prepare(recording: Any, name: str, board: Board, radius: float) -> Scene:
+def _prepare(recording: Any, name: str, board: Board | None, radius: float) -> Scene:
     """An empty scene with its layout."""
     from runtime.view_blueprint import blueprint, styles
     from runtime.view_scene import Scene
@@ -133,13 +134,13 @@ def _prepare(recording: Any, name: str, board: Board, radius: float) -> Scene:
     recording.set_log_time_enabled(False)
     recording.set_log_tick_enabled(False)
     recording.send_recording_name(name)
-    recording.send_blueprint(blueprint(board, radius))
+    recording.send_blueprint(blueprint(board or Board("unknown", ()), radius))
     styles(recording)
     return Scene(recording, board)
 
 
-def _board_of(log: LogFile, goals: list[Any]) -> Board:
-    """The board from the cell file in the log, or as far as the search goals tell."""
+def _board_of(log: LogFile, goals: list[Any]) -> Board | None:
+    """The board from the cell file in the log, or as far as search goals tell."""
     for name, data in sorted(log.attachments.items()):
         with contextlib.suppress(PalpateError, ValueError, KeyError):
             if name.endswith(".json"):
@@ -148,7 +149,7 @@ def _board_of(log: LogFile, goals: list[Any]) -> Board:
                 return read(Board, tomllib.loads(data.decode())["board"], name)
     from runtime.view_board import board_of
 
-    return board_of(goals)
+    return board_of(goals) if goals else None
 
 
 @contextlib.contextmanager
@@ -196,14 +197,17 @@ def _rerun(arguments: list[str], *, keep: bool = False) -> Iterator[_Server]:
     command = [sys.executable, "-m", "rerun", "--bind", LOOPBACK, "--port", str(port), *arguments]
     if "--serve-web" in arguments:
         command += ["--web-viewer-port", str(web_port)]
-    process = subprocess.Popen(command, stdin=subprocess.DEVNULL, start_new_session=keep)
+    # a session of its own, because the command is a Python script that does not pass signals on to what it starts
+    environment = {"RUST_LOG": "error", **os.environ}
+    process = subprocess.Popen(command, stdin=subprocess.DEVNULL, start_new_session=True, env=environment)
     try:
         _wait_for(web_port if "--serve-web" in arguments else port, process)
         source = f"rerun+http://{LOOPBACK}:{port}/proxy"
         yield _Server(process, source, f"http://{LOOPBACK}:{web_port}/?url={quote(source, safe='')}")
     finally:
         if not keep:
-            process.terminate()
+            with contextlib.suppress(ProcessLookupError):
+                os.killpg(process.pid, signal.SIGTERM)
             process.wait()
 
 

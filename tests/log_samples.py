@@ -152,7 +152,11 @@ def messages(holes: tuple[str, ...] = ("1", "2")) -> Iterator[Sent]:
         m.SessionState(m.header(world.now), session, int(m.Phase.RUNNING), "running"),
         world.now,
     )
-    seats: list[m.Seat] = []
+    seats = [
+        m.Seat("20251231-090000", board, name, x + 4e-5 * board, y - 5e-5 * board, x, y)
+        for board in (1, 2, 3)
+        for name, (x, y) in WHERE.items()
+    ]
     for number, name in enumerate(holes, 1):
         if number == 2:
             yield from _interruption(world)
@@ -211,8 +215,6 @@ def _search(world: _World, search: int, name: str, seats: list[m.Seat], session:
         dx + 0.01e-3, dy - 0.01e-3, (world.now - began) / 1e9,
     )  # fmt: skip
     yield "assembly", t.SEARCH_RESULT, result, world.now
-    text = f"board 1 hole {name}: seated after {len(places)} attempts"
-    yield "assembly", t.ROSOUT, _log(world.now, "assembly", 20, text), world.now
     seats.append(m.Seat(session, 1, name, dx, dy, dx + 0.01e-3, dy - 0.01e-3))
 
 
@@ -264,14 +266,31 @@ def record(path: Path, sent: Iterator[Sent] | None = None, **settings: Any) -> i
     return count
 
 
+def rerun_home(folder: Path) -> dict[str, str]:
+    """Environment in which Rerun counts and sends nothing, and leaves the user's settings alone."""
+    home = folder / "home"
+    file = home / ".config" / "rerun" / "analytics.json"
+    if not file.exists():
+        file.parent.mkdir(parents=True)
+        settings = {
+            "analytics_enabled": False,
+            "analytics_id": "",
+            "metadata": {},
+            "config_file_path": str(file),
+            "data_dir_path": str(home / "data"),
+        }
+        file.write_text(json.dumps(settings))
+    return {"HOME": str(home), "XDG_CONFIG_HOME": str(home / ".config"), "XDG_RUNTIME_DIR": str(home)}
+
+
 def rerun(folder: Path, *arguments: str, timeout: float = 60.0) -> str:
-    """Run Rerun's command line tool, in a home where it counts and sends nothing. Returns what it says."""
-    settings = folder / "home" / ".config" / "rerun" / "analytics.json"
-    settings.parent.mkdir(parents=True, exist_ok=True)
-    settings.write_text('{"analytics_enabled":false,"analytics_id":"","metadata":{}}')
-    home = {"HOME": str(folder / "home"), "XDG_CONFIG_HOME": str(folder / "home" / ".config")}
-    tool = Path(sys.executable).with_name("rerun")
+    """Run Rerun's command line tool. Returns what it says."""
     done = subprocess.run(
-        [tool, *arguments], env={**os.environ, **home}, capture_output=True, text=True, timeout=timeout, check=True
+        [sys.executable, "-m", "rerun", *arguments],
+        env={**os.environ, **rerun_home(folder)},
+        capture_output=True,
+        text=True,
+        timeout=timeout,
+        check=True,
     )
     return done.stdout + done.stderr
