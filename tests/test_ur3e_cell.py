@@ -122,6 +122,21 @@ def test_a_whole_board_is_inserted_by_one_who_knows(name: str, orientation: floa
     assert len(insert_board(name, orientation, 11)) == 27
 
 
+def test_half_turns_do_not_add_up_in_the_wrist() -> None:
+    hole = Hole("h1", 0.0, 0.0, math.pi)
+    board = Board("single", (hole,))
+    cell = SimulatedCell(board, IGBT, NONE, noise=None)
+    skill = InsertionSkill(cell.arm, cell.scene.workcell, board, IGBT)
+    wrist = []
+    for number in range(1, 5):
+        cell.begin_search(number, number, "h1")
+        skill.pick()
+        assert skill.peck(hole, 0.0, 0.0).outcome is Outcome.SEATED
+        wrist.append(cell.arm.getActualQ()[5])
+        skill.release()
+    assert np.ptp(wrist) < 1e-3
+
+
 def test_the_same_seed_gives_the_same_pecks() -> None:
     assert insert_board("capacitor", None, 4) == insert_board("capacitor", None, 4)
 

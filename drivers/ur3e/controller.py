@@ -29,6 +29,7 @@ _REACH = tuple(joint.reach for joint in JOINTS)
 _SINGULAR = 20.0  # times the joints' speed limit: no slow motion explains that
 _SAMPLE = 0.05  # [m] between the points of a straight line that are checked before it starts
 _SAMPLE_TURN = 0.3  # [rad]
+_LEAP = math.pi  # [rad] between samples: the same pose again with a joint turned back by a whole turn
 
 
 class Controller:
@@ -73,7 +74,10 @@ class Controller:
         near = self.q
         try:
             for index in range(1, points + 1):
-                near = self.kinematics.inverse(*motion.pose(index / points), near)
+                found = self.kinematics.inverse(*motion.pose(index / points), near)
+                if float(np.abs(found - near).max()) > _LEAP:
+                    raise ArmError("a joint would have to turn beyond its limit")
+                near = found
         except ArmError as error:
             raise ArmError(f"no straight way to {described(*target)}: {error}") from None
         finally:

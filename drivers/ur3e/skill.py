@@ -27,6 +27,8 @@ __all__ = ["InsertionSkill", "Peck", "SkillSettings", "Workcell"]
 
 _NEAR = 5e-3  # [m] a candidate this close to the last one is gone to at approach height
 _CAUTION = 10e-3  # [m] above a station, from where the way down is slow
+_TURN_SPEED, _TURN_ACCELERATION = 2.0, 4.0  # [rad/s], [rad/s2] a third of what the wrist can do
+_TURNED = 1e-3  # difference between rotations that is worth a turn
 _STOP_DECELERATION = 2.0  # [m/s2] at the end of a descent: 5 mm/s are gone after 2 cycles
 _GRACE = 1.0  # [s] a descent may take longer than its distance and speed say
 
@@ -197,8 +199,17 @@ class InsertionSkill:
         self._go(x, y, self._board.z + self._cell.approach_height, yaw, self._settings.retract_speed)
 
     def _travel_to(self, x: float, y: float, yaw: float) -> None:
-        """Up, and across at the height at which nothing is in the way."""
+        """Up, turned on the spot, and across at the height at which nothing is in the way.
+
+        The turn goes to the angles next to the home configuration, or half turns would add up in the wrist.
+        """
         self._rise()
+        here, rotation = frames.ros_pose(self._arm.getTargetTCPPose())
+        down = frames.tool_down(yaw)
+        if max(abs(a - b) for a, b in zip(rotation, down, strict=True)) > _TURNED:
+            q = self._arm.getInverseKinematics(frames.ur_pose(here, down), self._cell.home)
+            if not self._arm.moveJ(q, _TURN_SPEED, _TURN_ACCELERATION):
+                raise ArmError(f"stopped while turning: {self._stopped()}")
         self._go(x, y, self._travel, yaw, self._cell.transfer_speed)
 
     def _lower_to(self, x: float, y: float, z: float, yaw: float) -> None:
