@@ -1,4 +1,4 @@
-"""The command line: palpate launch | replay | view | plugins | bench.
+"""The command line: palpate launch | replay | view | plugins | picture | bench.
 
 Only the standard library is imported here; each command imports what it needs.
 Exit codes: 0 done, 1 the job failed, 2 the input is wrong, 130 interrupted.
@@ -46,6 +46,9 @@ examples:
     "plugins": """\
 examples:
   palpate plugins""",
+    "picture": """\
+examples:
+  palpate picture capacitor --output capacitor.png""",
     "bench": """\
 examples:
   palpate bench sim                               real-time factors of physics, controller and whole cell
@@ -131,6 +134,12 @@ def _parser() -> argparse.ArgumentParser:
 
     _make(commands, "plugins", "list what is installed, and what each is for")
 
+    picture = _make(commands, "picture", "draw a cell as the simulation has it")
+    picture.add_argument(
+        "cell", nargs="?", default="igbt", metavar="CELL", help="a cell file or a shipped name (default: igbt)"
+    )
+    picture.add_argument("--output", default="cell.png", metavar="FILE", help="a PNG (default: cell.png)")
+
     bench = _make(commands, "bench", "measure on this machine")
     bench.add_argument("what", choices=("sim",), help="sim: real-time factors of physics, controller and whole cell")
     bench.add_argument("--cell", default="igbt", metavar="CELL", help="a cell file or a shipped name (default: igbt)")
@@ -186,6 +195,12 @@ def _plugins(arguments: argparse.Namespace) -> int:
     return plugins_command(arguments)
 
 
+def _picture(arguments: argparse.Namespace) -> int:
+    from runtime.commands.picture import picture_command
+
+    return picture_command(arguments)
+
+
 def _bench(arguments: argparse.Namespace) -> int:
     from runtime.commands.bench import bench_command
 
@@ -197,6 +212,7 @@ COMMANDS: dict[str, Command] = {
     "replay": _replay,
     "view": _view,
     "plugins": _plugins,
+    "picture": _picture,
     "bench": _bench,
 }
 

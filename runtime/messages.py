@@ -14,6 +14,8 @@ from enum import IntEnum
 from functools import cache
 from typing import Annotated, Any, ClassVar, TypeVar, get_args, get_origin, get_type_hints
 
+import numpy as np
+from numpy.typing import NDArray
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 from rosbags.typesys.stores import ros2_jazzy as ros
@@ -58,6 +60,7 @@ SquareMetres = Annotated[float, Ros("float64", "m^2")]
 Radians = Annotated[float, Ros("float64", "rad")]
 Seconds = Annotated[float, Ros("float64", "s")]
 Newtons = Annotated[float, Ros("float64", "N")]
+Numbers = Annotated[NDArray[np.float64], Ros("float64[]")]
 
 Message = TypeVar("Message")
 _declared: dict[str, type[Any]] = {}
@@ -311,6 +314,20 @@ class ArmStatus:
     speed_scaling: Number  # 0..1, 0 while stopped
     activity: Text  # what the arm is doing, in words
     holding: Text  # component in the gripper, empty if none
+
+    __msgtype__: ClassVar[str]
+
+
+@message
+@dataclass(frozen=True, slots=True, eq=False)
+class ControlTrace:
+    """Every control cycle of a stretch of session time, row by row; the header has the time after the first one."""
+
+    header: Header
+    period: Seconds  # from cycle to cycle
+    position: Numbers  # (cycles x 6) [rad] measured joint angles
+    target: Numbers  # (cycles x 6) [rad] commanded joint angles
+    wrench: Numbers  # (cycles x 6) [N, Nm] on the tool at the flange, frame tool0, payload compensated
 
     __msgtype__: ClassVar[str]
 

@@ -49,20 +49,21 @@ class Service(Generic[RequestT, ReplyT]):
     meaning: str
 
 
-JOINT_STATES = Topic("/joint_states", m.JointState, "arm", "50 Hz", "measured joint angles, speeds and motor torques")
+JOINT_STATES = Topic("/joint_states", m.JointState, "arm", "25 Hz", "measured joint angles, speeds and motor torques")
 WRENCH = Topic(
     "/force_torque_sensor_broadcaster/wrench",
     m.WrenchStamped,
     "arm",
-    "50 Hz",
+    "25 Hz",
     "wrench on the tool at the flange, frame tool0, payload compensated, zeroed before each attempt",
 )
-TCP_POSE = Topic("/tcp_pose_broadcaster/pose", m.PoseStamped, "arm", "50 Hz", "pose of the TCP in base_link")
-TF = Topic("/tf", m.TFMessage, "arm", "50 Hz", "poses of the arm's links")
+TCP_POSE = Topic("/tcp_pose_broadcaster/pose", m.PoseStamped, "arm", "25 Hz", "pose of the TCP in base_link")
+TF = Topic("/tf", m.TFMessage, "arm", "25 Hz", "poses of the arm's links")
 TF_STATIC = Topic("/tf_static", m.TFMessage, "arm", "once", "poses of what does not move", latched=True)
 ROBOT_DESCRIPTION = Topic("/robot_description", m.String, "arm", "once", "the arm as URDF", latched=True)
 CLOCK = Topic("/clock", m.Clock, "arm", "25 Hz, and whenever the arm waits for a permit", "session time")
 ARM_STATUS = Topic("/arm/status", m.ArmStatus, "arm", "on change", "mode and activity of the arm", latched=True)
+TRACE = Topic("/arm/trace", m.ControlTrace, "arm", "10 Hz", "every 500 Hz control cycle: joints and wrench")
 ATTEMPT = Topic("/attempt", m.Attempt, "arm", "per attempt", "what the arm felt at a candidate")
 TRUTH = Topic("/truth", m.Truth, "arm", "per search, simulation only", "where hole and pins really are", hidden=True)
 

@@ -12,7 +12,7 @@ from cells import Palpate, cell_text, write_cell
 from log_samples import record
 
 HEAVY = ["mujoco", "pinocchio", "rerun", "zenoh", "numpy", "scipy", "pydantic", "rich", "rosbags", "mcap"]
-COMMANDS = ["launch", "replay", "view", "plugins", "bench"]
+COMMANDS = ["launch", "replay", "view", "plugins", "picture", "bench"]
 
 
 @pytest.fixture

@@ -1,6 +1,7 @@
 """The simulated cell: the truth it draws, a whole board inserted, blocked and interrupted pecks."""
 
 import math
+from ctypes.util import find_library
 from pathlib import Path
 
 import numpy as np
@@ -174,7 +175,8 @@ def test_a_peck_out_of_reach_is_aborted_and_says_so() -> None:
     assert skill.peck(BOARD.holes[0], 0.0, 0.0).outcome is Outcome.SEATED
 
 
-def test_a_safeguard_stop_during_the_descent_spoils_the_peck_but_not_the_next() -> None:
+@pytest.mark.parametrize(("offset", "outcome"), [(1e-3, Outcome.BLOCKED), (0.0, Outcome.SEATED)])
+def test_a_safeguard_stop_during_the_descent_only_makes_the_peck_longer(offset: float, outcome: Outcome) -> None:
     stop: list[int] = []
 
     def gate(time: int) -> bool:
@@ -190,11 +192,10 @@ def test_a_safeguard_stop_during_the_descent_spoils_the_peck_but_not_the_next() 
     cell.begin_search(1, 1, "h1")
     skill.pick()
     armed.append(True)
-    peck = skill.peck(BOARD.holes[0], 1e-3, 0.0)
-    assert (peck.outcome, peck.reason) == (Outcome.ABORTED, "safeguard stop during the descent")
+    peck = skill.peck(BOARD.holes[0], offset, 0.0)
+    assert (peck.outcome, peck.reason) == (outcome, "")
     assert peck.duration > 1.0
-    assert skill.peck(BOARD.holes[0], 1e-3, 0.0).outcome is Outcome.BLOCKED
-    assert skill.peck(BOARD.holes[0], 0.0, 0.0).outcome is Outcome.SEATED
+    assert stop
 
 
 def test_the_gripper_waits_for_a_safeguard_stop_to_end() -> None:
@@ -246,6 +247,8 @@ def test_a_fresh_board_is_empty() -> None:
 
 
 def test_a_picture_shows_a_green_board(tmp_path: Path) -> None:
+    if find_library("EGL") is None:
+        pytest.skip("this machine has no libEGL to draw with")
     cell = SimulatedCell(BOARD, CAPACITOR, NONE)
     cell.render(tmp_path / "board.png", 320, 240, "board")
     with Image.open(tmp_path / "board.png") as image:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import ClassVar, Literal
 
 from drivers.ur3e.skill import SkillSettings
@@ -36,6 +37,12 @@ class MujocoUr3e:
         from drivers.ur3e.bare_run import bare_run
 
         return bare_run(self, cell)
+
+    def picture(self, cell: Cell, path: Path) -> None:
+        """Write a PNG of the cell with a part in the gripper. Raises InputError where nothing can be drawn."""
+        from drivers.ur3e.portrait import portrait
+
+        portrait(self, cell, path)
 
     def run(self, context: Context) -> None:
         """Serve searches until the cell closes; the arm is halted when this returns."""

@@ -64,6 +64,8 @@ class Job:
             self._context.log("the arm is halted")
         except ArmError as error:
             raise SessionError(f"{error}; the arm is halted") from error
+        finally:
+            self._telemetry.publish_trace(self._cell.arm)
 
     def _after_cycle(self, arm: SimulatedArm) -> None:
         self._telemetry(arm)
@@ -108,6 +110,8 @@ class Job:
         self._truths.send(_truth_message(truth, self._cell.arm.time), self._cell.arm.time)
         self._do("pick")
         self._skill.pick()
+        if not self._cell.arm.holding:
+            raise ArmError("the gripper closed on nothing at the feeder")
         self._telemetry.holding = goal.component
         hole = self._context.cell.board.hole(goal.hole)
         while (candidate := self._next(topics.CANDIDATE)) is not None:

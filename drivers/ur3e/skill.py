@@ -142,7 +142,7 @@ class InsertionSkill:
         arm, settings = self._arm, self._settings
         top, full = self._board.z, self._component.depth
         deepest = top - full + settings.depth_margin
-        contacts, interrupted = 0, False
+        contacts = 0
         deadline = arm.getTimestamp() + (self._cell.approach_height + full) / settings.descent_speed + _GRACE
         arm.speedL([0.0, 0.0, -settings.descent_speed, 0.0, 0.0, 0.0], settings.descent_acceleration)
         expired = False
@@ -156,8 +156,6 @@ class InsertionSkill:
             if safety == PROTECTIVE_STOP:
                 self._measure(descent)
                 raise ArmError(self._stopped())
-            if safety != NORMAL:
-                interrupted = True
             if safety != NORMAL or arm.getSpeedScaling() < 1.0:
                 deadline += CYCLE
             expired = arm.getTimestamp() > deadline
@@ -166,8 +164,6 @@ class InsertionSkill:
         seated = top - descent.pose[2] >= settings.seated_share * full
         if seated:
             descent.outcome, descent.reason = Outcome.SEATED, ""
-        elif interrupted:
-            descent.outcome, descent.reason = Outcome.ABORTED, "safeguard stop during the descent"
         elif contacts >= settings.contact_cycles:
             descent.outcome, descent.reason = Outcome.BLOCKED, ""
         else:

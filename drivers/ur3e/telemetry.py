@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -10,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from drivers.ur3e import frames
-from drivers.ur3e.parameters import CYCLE_NS, JOINT_NAMES, JOINTS, Joint
+from drivers.ur3e.parameters import CYCLE, CYCLE_NS, JOINT_NAMES, JOINTS, Joint
 from drivers.ur3e.robot_model import quaternion_of_rpy, urdf
 from drivers.ur3e.simulated_arm import SimulatedArm
 from runtime import topics
@@ -19,6 +18,7 @@ from runtime.context import Context
 from runtime.messages import (
     BASE_FRAME,
     ArmStatus,
+    ControlTrace,
     JointState,
     Point,
     Pose,
@@ -34,8 +34,9 @@ from runtime.messages import (
     header,
 )
 
-PERIOD = 20_000_000  # [ns] 50 Hz: enough to see and plot; the 500 Hz loop stays inside the controller
+PERIOD = 40_000_000  # [ns] 25 Hz: enough to see the arm move; what happens in between is in the trace
 _CYCLES = PERIOD // CYCLE_NS
+_TRACE_CYCLES = 50  # in one message of the trace
 
 
 def pose_of(position: frames.Vector, quaternion: frames.Quaternion) -> Pose:
@@ -79,6 +80,9 @@ class Telemetry:
     _pose: Publisher[PoseStamped] = field(init=False)
     _tf: Publisher[TFMessage] = field(init=False)
     _status: Publisher[ArmStatus] = field(init=False)
+    _positions: list[float] = field(default_factory=list)  # (cycles x 6) since the last message of the trace
+    _targets: list[float] = field(default_factory=list)
+    _wrenches: list[float] = field(default_factory=list)
 
     def __post_init__(self) -> None:
         bus = self.context.bus
@@ -88,6 +92,7 @@ class Telemetry:
         self._tf = bus.publisher(topics.TF)
         self._tf_static = bus.publisher(topics.TF_STATIC)
         self._status = bus.publisher(topics.ARM_STATUS)
+        self._trace = bus.publisher(topics.TRACE)
         self._description = bus.publisher(topics.ROBOT_DESCRIPTION)
         self._parents = ("base_link_inertia", *(joint.link for joint in JOINTS[:-1]))
         self._origins = tuple(quaternion_of_rpy(joint.rpy) for joint in JOINTS)
@@ -115,8 +120,13 @@ class Telemetry:
             self._last_status = status
             self.publish_status(arm)
         self._cycles += 1
+        self._positions += arm.getActualQ()
+        self._targets += arm.getTargetQ()
+        self._wrenches += arm.sensor.wrench
         if self._cycles % _CYCLES == 0:
             self.publish_state(arm)
+        if self._cycles % _TRACE_CYCLES == 0:
+            self.publish_trace(arm)
 
     def publish_status(self, arm: SimulatedArm) -> None:
         """Mode and activity."""
@@ -160,6 +170,20 @@ class Telemetry:
             now,
         )
 
-    def say(self, text: str, level: int = logging.INFO) -> None:
-        """A line for the log."""
-        self.context.log(text, level)
+    def publish_trace(self, arm: SimulatedArm) -> None:
+        """Every control cycle since the last trace."""
+        cycles = len(self._positions) // 6
+        if cycles == 0:
+            return
+        self._trace.send(
+            ControlTrace(
+                header(arm.time - (cycles - 1) * CYCLE_NS, "tool0"),
+                CYCLE,
+                np.array(self._positions),
+                np.array(self._targets),
+                np.array(self._wrenches),
+            ),
+            arm.time,
+        )
+        for rows in (self._positions, self._targets, self._wrenches):
+            rows.clear()
