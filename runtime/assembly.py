@@ -46,7 +46,9 @@ class _Report:
 
     @property
     def over(self) -> bool:
-        return self.seated is not None or self.given_up is not None
+        # Strategy and arm are heard independently: word that a search is given up may overtake its last attempt.
+        given_up = self.given_up is not None and self.attempts >= self.given_up.number - 1
+        return self.seated is not None or given_up
 
 
 @dataclass(frozen=True)
