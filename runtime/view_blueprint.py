@@ -9,10 +9,13 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from runtime.cell import Board
+from runtime.messages import BASE_FRAME
+from runtime.view_board import BOARD
 from runtime.view_close_up import CLOSE_UP, bounds
 from runtime.view_scene import ARM, ATTEMPTS, DURATION, FORCE, FORCE_Z, INTERLOCK, LOG, SESSION, TOTAL
 from runtime.view_tracks import TIMELINE
 
+_BACKGROUND = (24, 27, 34)
 _GREEN, _AMBER, _RED, _GREY, _BLUE = 0x2E9E5BFF, 0xD99A1CFF, 0xD64541FF, 0x6B7280FF, 0x3B82F6FF
 _STATES: dict[str, dict[str, int]] = {
     INTERLOCK: {"permitted": _GREEN, "locked": _AMBER, "tripped": _RED, "fault": _RED},
@@ -47,31 +50,20 @@ def styles(recording: Any) -> None:
 
 def blueprint(board: Board, radius: float) -> Any:
     """The layout for a board and searches within `radius` [m]."""
-    target = (board.x * 0.75, board.y, board.z + 0.115)
-    eye = rrb.EyeControls3D(
-        position=(board.x + 0.26, board.y - 0.45, board.z + 0.36), look_target=target, eye_up=(0.0, 0.0, 1.0)
-    )
-    arm = rrb.Spatial3DView(
-        origin="/",
-        contents=["/robot/**", "/cell/**"],
-        name="Cell",
-        # as Rerun reads them, a URDF's shapes are wire frames
-        defaults=[shape.from_fields(fill_mode="solid") for shape in (rr.Cylinders3D, rr.Boxes3D)],
-        eye_controls=eye,
-        background=[24, 27, 34],
-        line_grid=rrb.LineGrid3D(visible=True, spacing=0.1, color=[70, 74, 84]),
-    )
+    x, y, z = board.x, board.y, board.z
+    arm = _cell("Cell", (x + 0.42, y - 0.62, z + 0.52), (0.7 * x, y, z + 0.19), [f"- /{BOARD}/names"])
+    close = _cell("Board", (x + 0.05, y - 0.15, z + 0.15), (x, y - 0.01, z), [])
     x_range, y_range = bounds(radius)
     hole = rrb.Spatial2DView(
         origin=f"/{CLOSE_UP}",
-        name="Hole in hand: offset from nominal, mm, seen from above",
-        background=[24, 27, 34],
+        name="Hole in hand: mm from nominal, seen from above",
+        background=_BACKGROUND,
         visual_bounds=rrb.VisualBounds2D(x_range=x_range, y_range=y_range),
     )
     force = _plot("Force on the tool, N", "/plots/force")
     plots = rrb.Horizontal(
-        _plot("Attempts: search", "/plots/attempts"),
-        _plot("Attempts: all", "/plots/total"),
+        _plot("Attempts", "/plots/attempts"),
+        _plot("All attempts", "/plots/total"),
         _plot("Search time, s", "/plots/duration"),
     )
     lanes = [f"/{lane}" for lane in _STATES]
@@ -80,14 +72,31 @@ def blueprint(board: Board, radius: float) -> Any:
     text = rrb.TextLogView(origin=f"/{LOG}", name="Log", columns=columns)
     return rrb.Blueprint(
         rrb.Horizontal(
-            rrb.Vertical(arm, states, text, row_shares=[5.8, 2.0, 2.2]),
+            rrb.Vertical(
+                rrb.Horizontal(arm, close, column_shares=[5.5, 4.5]), states, text, row_shares=[5.8, 2.0, 2.2]
+            ),
             rrb.Vertical(hole, force, plots, row_shares=[5.6, 2.2, 2.2]),
-            column_shares=[5.5, 4.5],
+            column_shares=[6.0, 4.0],
         ),
         rrb.TimePanel(state="collapsed", timeline=TIMELINE),
         rrb.BlueprintPanel(state="hidden"),
         rrb.SelectionPanel(state="hidden"),
         auto_views=False,
+    )
+
+
+def _cell(name: str, position: tuple[float, float, float], target: tuple[float, float, float], less: list[str]) -> Any:
+    """A 3D view of arm and board, seen from `position` [m] towards `target` [m]."""
+    return rrb.Spatial3DView(
+        origin="/",
+        contents=["/robot/**", "/cell/**", "/tf/**", *less],
+        spatial_information=rrb.SpatialInformation(target_frame=BASE_FRAME),
+        name=name,
+        # as Rerun reads them, a URDF's shapes are wire frames
+        defaults=[shape.from_fields(fill_mode="solid") for shape in (rr.Cylinders3D, rr.Boxes3D)],
+        eye_controls=rrb.EyeControls3D(position=position, look_target=target, eye_up=(0.0, 0.0, 1.0)),
+        background=_BACKGROUND,
+        line_grid=rrb.LineGrid3D(visible=True, spacing=0.1, color=[70, 74, 84]),
     )
 
 

@@ -10,11 +10,14 @@ import rerun as rr
 
 from runtime.cell import Board, Hole
 from runtime.component import COMPONENTS, Component
-from runtime.messages import Ending, Pose, SearchGoal, SearchResult
+from runtime.messages import BASE_FRAME, Ending, Point, Pose, Quaternion, SearchGoal, SearchResult
 
 BOARD = "cell/board"
-HELD = "cell/held"  # moves with the TCP
+HELD = "cell/held"
+HELD_FRAME = "tcp"
 MARGIN = 0.025  # [m] of board around the outermost holes
+AT_ORIGIN = Pose(Point(0.0, 0.0, 0.0), Quaternion(0.0, 0.0, 0.0, 1.0))
+_IN_BASE = rr.CoordinateFrame(BASE_FRAME)
 _PLATE = (28, 92, 62)
 _HOLE = (222, 184, 92)
 _CURRENT = (255, 196, 0)
@@ -30,6 +33,8 @@ class BoardScene:
         self._recording = recording
         self._board = board
         self._number = 0  # of the board that lies there
+        for name in ("plate", "names", "holes", "current"):
+            recording.log(f"{BOARD}/{name}", _IN_BASE, static=True)
         self._plate()
 
     def begin(self, goal: SearchGoal) -> None:
@@ -50,10 +55,8 @@ class BoardScene:
         component = COMPONENTS.get(result.component)
         if result.ending == Ending.INSERTED and component is not None:
             p, q = goal.nominal.position, goal.nominal.orientation
-            place = f"{BOARD}/parts/{result.hole}"
-            seat = (p.x + result.seated_x, p.y + result.seated_y, p.z - component.depth)
-            self._recording.log(place, rr.Transform3D(translation=seat, quaternion=(q.x, q.y, q.z, q.w)))
-            draw_part(self._recording, place, component)
+            seat = Point(p.x + result.seated_x, p.y + result.seated_y, p.z - component.depth)
+            draw_part(self._recording, f"{BOARD}/parts/{result.hole}", BASE_FRAME, component, Pose(seat, q))
 
     def _plate(self) -> None:
         board = self._board
@@ -66,7 +69,7 @@ class BoardScene:
         )
         plate = rr.Boxes3D(centers=[centre], half_sizes=[half], colors=_PLATE, fill_mode="solid")
         self._recording.log(f"{BOARD}/plate", plate, static=True)
-        names = [(board.x + hole.x, board.y + hole.y - 0.011, board.z + 1e-3) for hole in board.holes]
+        names = [(board.x + hole.x, board.y + hole.y - 0.012, board.z + 1e-3) for hole in board.holes]
         labels = rr.Points3D(
             names, labels=[hole.name for hole in board.holes], radii=1e-4, colors=_HOLE, show_labels=True
         )
@@ -91,20 +94,37 @@ def _pattern(board: Board, hole: Hole, component: Component | None) -> list[tupl
     ]
 
 
-def draw_part(recording: Any, entity: str, component: Component) -> None:
-    """Body and pins in the component's frame: z points out of the pins."""
+def draw_part(recording: Any, entity: str, frame: str, component: Component, pose: Pose = AT_ORIGIN) -> None:
+    """Body and pins of a part whose component frame (z out of the pins) is at `pose` in `frame`."""
     body, pins = component.body, component.pins
+    q = pose.orientation
+    turned = [(q.x, q.y, q.z, q.w)]
     x, y, z = body.size
-    centre = (0.0, 0.0, -(body.standoff + z / 2))
-    colour = _BODIES[body.shape]
+    centre = [_placed(pose, (0.0, 0.0, -(body.standoff + z / 2)))]
+    looks = {"colors": _BODIES[body.shape], "fill_mode": "solid", "quaternions": turned}
     if body.shape == "box":
-        solid = rr.Boxes3D(centers=[centre], sizes=[(x, y, z)], colors=colour, fill_mode="solid")
+        solid = rr.Boxes3D(centers=centre, sizes=[(x, y, z)], **looks)
     else:
-        solid = rr.Cylinders3D(centers=[centre], radii=[x / 2], lengths=[z], colors=colour, fill_mode="solid")
-    recording.log(f"{entity}/body", solid)
-    sizes = [(2 * pin.half_x, 2 * pin.half_y, pin.length) for pin in pins]
-    centres = [(pin.x, pin.y, -pin.length / 2) for pin in pins]
-    recording.log(f"{entity}/pins", rr.Boxes3D(centers=centres, sizes=sizes, colors=_PIN, fill_mode="solid"))
+        solid = rr.Cylinders3D(centers=centre, radii=[x / 2], lengths=[z], **looks)
+    leads = rr.Boxes3D(
+        centers=[_placed(pose, (pin.x, pin.y, -pin.length / 2)) for pin in pins],
+        sizes=[(2 * pin.half_x, 2 * pin.half_y, pin.length) for pin in pins],
+        quaternions=turned * len(pins),
+        colors=_PIN,
+        fill_mode="solid",
+    )
+    for name, shape in (("body", solid), ("pins", leads)):
+        # the frame holds for all times, since Rerun looks for one even where there is nothing to draw yet
+        recording.log(f"{entity}/{name}", rr.CoordinateFrame(frame), static=True)
+        recording.log(f"{entity}/{name}", shape)
+
+
+def _placed(pose: Pose, point: tuple[float, float, float]) -> tuple[float, float, float]:
+    """A point [m] of the posed frame in the frame around it."""
+    p, q = pose.position, pose.orientation
+    axis, v = np.array([q.x, q.y, q.z]), np.array(point)
+    x, y, z = v + 2 * np.cross(axis, np.cross(axis, v) + q.w * v)
+    return (p.x + float(x), p.y + float(y), p.z + float(z))
 
 
 def board_of(goals: list[SearchGoal]) -> Board:

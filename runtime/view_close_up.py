@@ -109,11 +109,11 @@ class CloseUp:
             ("blocked", BLOCKED),
             ("seated", SEATED),
             ("next", NEXT),
-            ("belief, 1 and 2 sigma", BELIEF),
+            ("belief (1, 2 sd)", BELIEF),
             ("earlier seats", EARLIER),
             ("true place", TRUE[:3]),
         ]
-        places = [_seen((-1.35 * reach, (1.2 - 0.15 * index) * reach)) for index in range(len(entries))]
+        places = [_seen((-1.25 * reach, (1.2 - 0.15 * index) * reach)) for index in range(len(entries))]
         self._log("legend", _labels(places, [text for text, _ in entries], [colour for _, colour in entries]))
 
     def _log(self, name: str, what: Any) -> None:

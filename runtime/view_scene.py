@@ -27,7 +27,7 @@ from runtime.cell import Board
 from runtime.component import COMPONENTS
 from runtime.errors import BusError
 from runtime.topics import Topic
-from runtime.view_board import HELD, BoardScene, board_of, draw_part
+from runtime.view_board import HELD, HELD_FRAME, BoardScene, board_of, draw_part
 from runtime.view_close_up import CloseUp
 from runtime.view_tracks import TIMELINE, Tracks
 
@@ -39,7 +39,6 @@ TOTAL = "plots/total/attempts"
 DURATION = "plots/duration/search"
 LOG = "log"
 INTERLOCK, ARM, SESSION = "interlock", "arm", "session"
-_ROOT = "tf#/"  # Rerun's name for the frame of the topmost entity
 _SAFETY_MODES = {  # UR RTDE guide, safety_mode
     1: "normal", 2: "reduced", 3: "protective stop", 4: "recovery", 5: "safeguard stop", 6: "emergency stop",
     7: "emergency stop", 8: "violation", 9: "fault",
@@ -59,13 +58,13 @@ class Scene:
         self._goal: m.SearchGoal | None = None
         self._total = 0
         self._states: dict[str, str] = {}
+        self._holding = ""  # component in the gripper
         self._shown: dict[str, int] = {}  # stamp of the last sample by topic [ns]
         self._peak: tuple[int, m.Vector3] | None = None  # strongest force since the last sample
         self._now = -1
         self._handlers: dict[str, tuple[Topic[Any], Callable[[Any, int], None]]] = {}
         for topic, handler in self._all_handlers():
             self._handlers[topic.name] = (topic, handler)
-        recording.log("tf/base", rr.Transform3D(parent_frame=_ROOT, child_frame=m.BASE_FRAME), static=True)
 
     def _all_handlers(self) -> list[tuple[Topic[Any], Callable[[Any, int], None]]]:
         return [
@@ -144,7 +143,7 @@ class Scene:
             self._recording.log(f"tf/{item.child_frame_id}", transform, static=True)
 
     def _tcp(self, message: m.PoseStamped, stamp: int) -> None:
-        self._tracks.pose(HELD, stamp, message.pose)
+        self._tracks.pose(HELD, m.BASE_FRAME, HELD_FRAME, stamp, message.pose)
 
     def _wrench(self, message: m.WrenchStamped, stamp: int) -> None:
         """Of each interval the strongest force is shown, so that no contact is missed."""
@@ -165,9 +164,6 @@ class Scene:
             self._board = BoardScene(self._recording, board_of([goal]))
         self._board.begin(goal)
         self._close_up.begin(goal)
-        component = COMPONENTS.get(goal.component)
-        if component is not None:
-            draw_part(self._recording, f"{HELD}/part", component)
         self._recording.log(ATTEMPTS, rr.Scalars(0.0))
         self._say(stamp, "assembly", 20, f"board {goal.board} hole {goal.hole}: search {goal.search} begins")
 
@@ -194,8 +190,11 @@ class Scene:
             self._say(stamp, "assembly", 20, text)
 
     def _arm(self, status: m.ArmStatus, _: int) -> None:
-        if not status.holding:
+        if status.holding != self._holding:
+            self._holding = status.holding
             self._recording.log(f"{HELD}/part", rr.Clear(recursive=True))
+            if status.holding in COMPONENTS:
+                draw_part(self._recording, f"{HELD}/part", HELD_FRAME, COMPONENTS[status.holding])
         self._state(ARM, _SAFETY_MODES.get(status.safety_mode, f"safety mode {status.safety_mode}"))
 
     def _permit(self, permit: m.Permit, _: int) -> None:

@@ -48,9 +48,9 @@ class Tracks:
         poses.positions.append((t.x, t.y, t.z))
         poses.rotations.append((r.x, r.y, r.z, r.w))
 
-    def pose(self, entity: str, stamp: int, pose: Pose) -> None:
-        """Where an entity is in its parent."""
-        poses = self._poses.setdefault(entity, _Poses("", ""))
+    def pose(self, entity: str, parent: str, child: str, stamp: int, pose: Pose) -> None:
+        """The same, from a pose."""
+        poses = self._poses.setdefault(entity, _Poses(parent, child))
         p, r = pose.position, pose.orientation
         poses.stamps.append(stamp)
         poses.positions.append((p.x, p.y, p.z))
@@ -65,13 +65,13 @@ class Tracks:
     def flush(self) -> None:
         """Hand over what has been gathered."""
         for entity, poses in self._poses.items():
-            names = {}
-            if poses.child:
-                names = {
-                    "parent_frame": [poses.parent] * len(poses.stamps),
-                    "child_frame": [poses.child] * len(poses.stamps),
-                }
-            columns = rr.Transform3D.columns(translation=poses.positions, quaternion=poses.rotations, **names)
+            count = len(poses.stamps)
+            columns = rr.Transform3D.columns(
+                translation=poses.positions,
+                quaternion=poses.rotations,
+                parent_frame=[poses.parent] * count,
+                child_frame=[poses.child] * count,
+            )
             self.recording.send_columns(entity, indexes=[_times(poses.stamps)], columns=columns)
         for entity, numbers in self._numbers.items():
             columns = rr.Scalars.columns(scalars=numbers.values)

@@ -10,7 +10,6 @@ import socket
 import subprocess
 import sys
 import tempfile
-import tomllib
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -140,13 +139,10 @@ def _prepare(recording: Any, name: str, board: Board | None, radius: float) -> S
 
 
 def _board_of(log: LogFile, goals: list[Any]) -> Board | None:
-    """The board from the cell file in the log, or as far as search goals tell."""
-    for name, data in sorted(log.attachments.items()):
-        with contextlib.suppress(PalpateError, ValueError, KeyError):
-            if name.endswith(".json"):
-                return read(Board, json.loads(data)["board"], name)
-            if name.endswith(".toml"):
-                return read(Board, tomllib.loads(data.decode())["board"], name)
+    """The board of the settings that the launcher records, or as far as search goals tell."""
+    with contextlib.suppress(PalpateError, ValueError, KeyError):
+        settings = json.loads(log.metadata["palpate.session"]["settings"])
+        return read(Board, settings["board"], "palpate.session")
     from runtime.view_board import board_of
 
     return board_of(goals) if goals else None

@@ -234,7 +234,9 @@ def publish(exchange: LocalExchange, sent: Iterator[Sent]) -> int:
         contexts[role].clock.advance(stamp)
         contexts[role].bus.publisher(topic).send(message, stamp)
         count += 1
+    end = max((plugin.clock.now for plugin in contexts.values()), default=0)
     for plugin in contexts.values():
+        plugin.clock.advance(end)
         plugin.close()
         plugin.bus.close()
     return count + len(contexts)
@@ -244,8 +246,8 @@ def record(path: Path, sent: Iterator[Sent] | None = None, **settings: Any) -> i
     """Record messages (a sample session by default) through a bus. Returns how many were sent."""
     exchange = LocalExchange()
     surroundings = context(exchange, "recorder")
-    attachments = {"cell.json": json.dumps(DOCUMENT)}
-    recorder = Recorder(path, settings.get("metadata", {}), settings.get("attachments", attachments))
+    metadata = {"palpate.session": {"session": "20260101-120000", "settings": json.dumps(DOCUMENT)}}
+    recorder = Recorder(path, settings.get("metadata", metadata), {"sample.toml": "component = 'igbt'"})
     failures: list[BaseException] = []
 
     def run() -> None:

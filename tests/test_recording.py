@@ -41,7 +41,7 @@ def envelope(number: int, stamp: int | None = None, text: str = "hello", topic: 
 @pytest.fixture(scope="module")
 def sample(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, int]:
     path = tmp_path_factory.mktemp("log") / "sample.mcap"
-    return path, log_samples.record(path, metadata={"palpate.session": {"seed": "4"}})
+    return path, log_samples.record(path)
 
 
 def test_everything_that_was_sent_is_in_the_file(sample: tuple[Path, int]) -> None:
@@ -77,8 +77,8 @@ def test_a_part_of_the_log_can_be_read(sample: tuple[Path, int]) -> None:
 
 def test_metadata_and_attachments_are_inside(sample: tuple[Path, int]) -> None:
     with open_log(sample[0]) as log:
-        assert log.metadata["palpate.session"] == {"seed": "4"}
-        assert json.loads(log.attachments["cell.json"]) == log_samples.DOCUMENT
+        assert json.loads(log.metadata["palpate.session"]["settings"]) == log_samples.DOCUMENT
+        assert log.attachments["sample.toml"] == b"component = 'igbt'"
         [(_, description)] = log.read(t.ROBOT_DESCRIPTION)
         assert log.attachments["robot_description.urdf"].decode() == description.data
 

@@ -45,6 +45,7 @@ ENTITIES = {
     "/cell/board/parts/1/body",
     "/cell/board/parts/2/pins",
     "/cell/held",
+    "/cell/held/part/body",
     "/hole/attempts",
     "/hole/next",
     "/hole/belief",
@@ -132,10 +133,15 @@ def test_inserted_parts_stand_where_they_went_in(log: Path, rrd: Path) -> None:
     with open_log(log) as recorded:
         [goal, _] = [goal for _, goal in recorded.read(t.SEARCH_GOAL)]
         [result, _] = [result for _, result in recorded.read(t.SEARCH_RESULT)]
-    [(_, [place])] = rows(rrd, "/cell/board/parts/1", "translation")
-    p = goal.nominal.position
-    depth = COMPONENTS["igbt"].depth
-    assert place == pytest.approx([p.x + result.seated_x, p.y + result.seated_y, p.z - depth], abs=1e-7)
+    [(when, pins)] = rows(rrd, "/cell/board/parts/1/pins", "centers")
+    p, part = goal.nominal.position, COMPONENTS["igbt"]
+    tips = p.z - part.depth
+    # the part hangs tool down: its y axis and its z axis are mirrored
+    expected = [
+        [p.x + result.seated_x + pin.x, p.y + result.seated_y - pin.y, tips + pin.length / 2] for pin in part.pins
+    ]
+    assert np.array(pins) == pytest.approx(np.array(expected), abs=1e-7)
+    assert when == pytest.approx(m.nanoseconds_of(result.header.stamp) / 1e9)
 
 
 variances = st.floats(1e-10, 1e-5)
@@ -151,9 +157,9 @@ def test_a_belief_is_outlined_at_its_standard_deviations(xx: float, yy: float, r
         assert distance == pytest.approx(np.full(len(points), sigma), rel=1e-5)
 
 
-def test_without_a_cell_file_the_goals_tell_the_board(tmp_path: Path, log: Path) -> None:
+def test_without_the_settings_the_goals_tell_the_board(tmp_path: Path, log: Path) -> None:
     path = tmp_path / "bare.mcap"
-    log_samples.record(path, attachments={})
+    log_samples.record(path, metadata={})
     view(path, "save", tmp_path / "bare.rrd", lambda _: None)
     assert {chunk.entity_path for chunk in RrdReader(tmp_path / "bare.rrd").stream()} >= ENTITIES
     with open_log(log) as recorded:
@@ -165,7 +171,7 @@ def test_without_a_cell_file_the_goals_tell_the_board(tmp_path: Path, log: Path)
 
 
 def test_a_log_without_a_search_can_be_viewed(tmp_path: Path) -> None:
-    log_samples.record(tmp_path / "short.mcap", log_samples.messages(()), attachments={})
+    log_samples.record(tmp_path / "short.mcap", log_samples.messages(()), metadata={})
     view(tmp_path / "short.mcap", "save", tmp_path / "short.rrd", lambda _: None)
     assert "/interlock" in {chunk.entity_path for chunk in RrdReader(tmp_path / "short.rrd").stream()}
 
@@ -281,7 +287,7 @@ def test_rerun_shows_every_view_without_an_error(tmp_path: Path, rrd: Path) -> N
     finally:
         os.killpg(process.pid, signal.SIGKILL)
         process.wait()
-    assert len(views) == 8
+    assert len(views) == 9
     assert {(view.name, report.summary) for view in views for report in view.reports} == set()
     assert image.std() > 30.0
 
