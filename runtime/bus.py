@@ -1,8 +1,9 @@
 """Publish, subscribe, request: the seam between plugins and transport.
 
 A plugin works in one thread. Whatever it subscribes to or serves arrives in one `Inbox`, in order of arrival, as
-`Envelope` or `Request`. Every envelope carries its publisher and a sequence number from 1, so that an inbox can count
-what never arrived.
+`Envelope` or `Request`. What one plugin sends arrives in the order in which it was sent, latched topics apart; between
+plugins no order is promised, so whoever combines two of them waits until both have spoken. Every envelope carries its
+publisher and a sequence number from 1, so that an inbox can count what never arrived.
 """
 
 from __future__ import annotations

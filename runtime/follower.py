@@ -72,7 +72,7 @@ class Follower:
     def follow(self) -> None:
         """Start the session as an operator would, by a reset, and follow it until its job is done."""
         self.say(Phase.STARTING, "waiting for the first permit")
-        started = False
+        started = done = False
         watch = Stopwatch()
         while True:
             item = self._bus.inbox.receive(timeout=0.2)
@@ -100,6 +100,7 @@ class Follower:
                 self._session.duration = self._now / NANOSECONDS
                 self._session.machine_time = watch.seconds
             elif item.topic == SESSION.name and item.read(SESSION).phase == Phase.DONE:
-                self._show(self._progress)
-                return
+                done = True
             self._show(self._progress)
+            if done and self._progress.done == self._progress.searches:
+                return

@@ -19,12 +19,13 @@ from runtime.messages import (
     Candidate,
     Gaussian,
     Log,
+    Ossd,
     Proposal,
     Reset,
     header,
     stamp_of,
 )
-from runtime.topics import ARM_STATUS, ASK_BELIEF, CANDIDATE, RESET, ROSOUT, TRUTH
+from runtime.topics import ARM_STATUS, ASK_BELIEF, CANDIDATE, OSSD, RESET, ROSOUT, TRUTH
 from runtime.zenoh_bus import ZenohBus, ZenohRouter
 
 PATIENCE = 20.0
@@ -187,11 +188,11 @@ def test_only_one_file_imports_zenoh() -> None:
 
 def test_topics_of_one_sender_arrive_in_the_order_in_which_they_were_sent(meeting: Meeting) -> None:
     sender, receiver = meeting.join("light_curtain"), meeting.join("interlock")
-    plain, latched = sender.publisher(RESET), sender.publisher(ARM_STATUS)
-    receiver.subscribe(RESET, ARM_STATUS)
+    resets, outputs = sender.publisher(RESET), sender.publisher(OSSD)
+    receiver.subscribe(RESET, OSSD)
     meeting.begin()
     for number in range(1, 301):
-        plain.send(Reset(header(number), ""), 2 * number)
-        latched.send(ArmStatus(header(number), 7, 1, 1.0, "", ""), 2 * number + 1)
+        resets.send(Reset(header(number), ""), 2 * number)
+        outputs.send(Ossd(header(number), True, True, stamp_of(number)), 2 * number + 1)
     arrived = [next_envelope(receiver).stamp for _ in range(600)]
     assert arrived == sorted(arrived)
