@@ -30,14 +30,16 @@ class Posterior:
             context.bus.subscribe(SEARCH_RESULT, ATTEMPT)
             context.bus.serve(ASK_BELIEF)
             context.ready()
-            if store.set_aside is not None:
-                context.log(
-                    f"the posterior store was damaged: set aside as {store.set_aside.name}, begun anew", logging.WARNING
-                )
             if self.fresh:
                 store.forget(cell.board.type, scope=cell.posterior.scope)
             desk = _Desk(context, store, beliefs)
+            damaged = store.set_aside
             for item in context.arrivals():
+                if damaged is not None:  # said only now: before the first question the recorder may not listen yet
+                    context.log(
+                        f"the posterior store was damaged: set aside as {damaged.name}, begun anew", logging.WARNING
+                    )
+                    damaged = None
                 desk.take(item)
                 desk.work()
 

@@ -84,6 +84,11 @@ class Scene:
             (topics.ROSOUT, self._rosout),
         ]
 
+    @property
+    def topics(self) -> list[Topic[Any]]:
+        """What there is something to show of."""
+        return [topic for topic, _ in self._handlers.values()]
+
     def show(self, envelope: Envelope) -> None:
         """Draw one message; those with nothing to show are passed over."""
         if envelope.topic not in self._handlers:

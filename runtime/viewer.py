@@ -52,7 +52,7 @@ class Viewer:
         with contextlib.ExitStack() as stack:
             said = stack.enter_context(_target(recording, self.mode, self.path))
             scene = _prepare(recording, context.session, context.cell.board, context.cell.search.radius)
-            context.bus.subscribe_all()
+            context.bus.subscribe(*scene.topics)
             context.ready()
             if said:
                 context.log(said)

@@ -2,7 +2,8 @@
 
 Plugins are clients of one router, which the launcher runs on loopback. A client's declarations reach the router in the
 order they were made, so once the router has seen a plugin's announcement it knows all its subscriptions, and nothing
-published afterwards can miss them.
+published afterwards can miss them. A publisher sends nothing until it hears of a subscriber, so plugins keep silent
+until the session begins: that word reaches each of them behind everybody's subscriptions.
 """
 
 from __future__ import annotations

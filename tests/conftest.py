@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import socket
+import threading
 from collections.abc import Callable, Iterator
 
 import pytest
 
-from runtime.bus import Bus
+from runtime.bus import Bus, Request
 from runtime.local_bus import LocalBus, LocalExchange
+from runtime.messages import BeliefRequest
+from runtime.topics import Service
 from runtime.zenoh_bus import ZenohBus, ZenohRouter
 
+BARRIER = Service("/test/barrier", BeliefRequest, BeliefRequest, "clerk", "an answer that comes after all before it")
 MakeBus = Callable[[str], Bus]
 
 
@@ -24,6 +28,13 @@ def unused_port() -> int:
 @pytest.fixture
 def free_port() -> int:
     return unused_port()
+
+
+def _answer(clerk: Bus, count: int) -> None:
+    for _ in range(count):
+        question = clerk.inbox.receive(20.0)
+        assert isinstance(question, Request)
+        question.reply(question.read(BARRIER))
 
 
 class Meeting:
@@ -46,6 +57,18 @@ class Meeting:
         for bus in self.buses:
             bus.announce()
         assert self._wait_for(self._roles, 20.0) == set()
+        # A publisher sends nothing until it hears of a subscriber. What the router knew before it forwarded a request
+        # has reached a bus by the time the answer does.
+        clerk = self._make("clerk")
+        clerk.serve(BARRIER)
+        clerk.announce()
+        assert self._wait_for({"clerk"}, 20.0) == set()
+        thread = threading.Thread(target=_answer, args=(clerk, len(self.buses)))
+        thread.start()
+        for bus in self.buses:
+            bus.request(BARRIER, BeliefRequest("", 0, 0), timeout=20.0)
+        thread.join()
+        clerk.close()
 
 
 @pytest.fixture(params=["local", "zenoh"])
