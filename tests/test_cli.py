@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import socket
 import subprocess
 import sys
@@ -106,9 +107,7 @@ def test_wrong_arguments_are_answered_in_one_line(
 
 @pytest.mark.parametrize("command", ["replay", "view"])
 @pytest.mark.parametrize("kind", ["empty", "no mcap", "cut short", "directory"])
-def test_a_file_that_is_no_log_is_answered_in_one_line(
-    palpate: Palpate, sample: Path, command: str, kind: str
-) -> None:
+def test_a_file_that_is_no_log_is_answered_in_one_line(palpate: Palpate, sample: Path, command: str, kind: str) -> None:
     path = palpate.folder / "bad.mcap"
     if kind == "directory":
         path.mkdir()
@@ -154,3 +153,15 @@ def test_a_log_becomes_a_file_that_rerun_opens(palpate: Palpate, sample: Path) -
     assert done.returncode == 0, done.stderr
     assert output.stat().st_size > 10_000
     assert str(output) in done.stdout
+
+
+def test_the_bench_prints_and_writes_its_figures(palpate: Palpate) -> None:
+    cell = write_cell(palpate.folder, cell_text(holes=1))
+    figures = palpate.folder / "figures.json"
+    done = palpate.run("bench", "sim", "--cell", cell, "--json", figures, "--port", str(palpate.port))
+    assert done.returncode == 0, done.stderr
+    written = json.loads(figures.read_text())
+    assert {"rtf_physics", "rtf_controller", "rtf_cell"} <= set(written)
+    assert written["rtf_physics"] > written["rtf_controller"] > 0
+    assert written["inserted"] == 1
+    assert f"{written['rtf_cell']:.1f}" in done.stdout
