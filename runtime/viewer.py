@@ -5,13 +5,13 @@ from __future__ import annotations
 import contextlib
 import json
 import os
-import signal
 import socket
 import subprocess
 import sys
 import tempfile
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 from urllib.parse import quote
@@ -190,20 +190,19 @@ def _rerun(arguments: list[str], *, keep: bool = False) -> Iterator[_Server]:
     With `keep` it outlives us, as a window does that somebody still looks at.
     """
     port, web_port = _free_port(), _free_port()
-    command = [sys.executable, "-m", "rerun", "--bind", LOOPBACK, "--port", str(port), *arguments]
+    program = Path(str(resources.files("rerun_cli"))) / "rerun"  # its Python script would not pass signals on
+    command = [str(program), "--bind", LOOPBACK, "--port", str(port), *arguments]
     if "--serve-web" in arguments:
         command += ["--web-viewer-port", str(web_port)]
-    # a session of its own, because the command is a Python script that does not pass signals on to what it starts
     environment = {"RUST_LOG": "error", **os.environ}
-    process = subprocess.Popen(command, stdin=subprocess.DEVNULL, start_new_session=True, env=environment)
+    process = subprocess.Popen(command, stdin=subprocess.DEVNULL, start_new_session=keep, env=environment)
     try:
         _wait_for(web_port if "--serve-web" in arguments else port, process)
         source = f"rerun+http://{LOOPBACK}:{port}/proxy"
         yield _Server(process, source, f"http://{LOOPBACK}:{web_port}/?url={quote(source, safe='')}")
     finally:
         if not keep:
-            with contextlib.suppress(ProcessLookupError):
-                os.killpg(process.pid, signal.SIGTERM)
+            process.terminate()
             process.wait()
 
 
