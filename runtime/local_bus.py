@@ -6,10 +6,10 @@ import hashlib
 import queue
 import threading
 from dataclasses import dataclass, field
-from types import TracebackType
-from typing import Any, Generic, Self
+from typing import Any, Generic
 
 from runtime.bus import Envelope, Inbox, MessageT, Request, check_readable, decode, encode
+from runtime.closing import Closing
 from runtime.errors import BusError
 from runtime.messages import PublisherCount, type_name
 from runtime.topics import ReplyT, RequestT, Service, Topic
@@ -63,7 +63,7 @@ class LocalPublisher(Generic[MessageT]):
         self._exchange.deliver(envelope, self.topic.latched)
 
 
-class LocalBus:
+class LocalBus(Closing):
     """One plugin's access to a LocalExchange."""
 
     def __init__(self, exchange: LocalExchange, role: str) -> None:
@@ -132,11 +132,3 @@ class LocalBus:
                     inboxes.remove(self.inbox)
             for name in [name for name, inbox in self._exchange.servers.items() if inbox is self.inbox]:
                 del self._exchange.servers[name]
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()

@@ -10,8 +10,7 @@ from dataclasses import dataclass, field
 from difflib import get_close_matches
 from functools import cached_property
 from pathlib import Path
-from types import TracebackType
-from typing import IO, Any, Self, TypeVar
+from typing import IO, Any, TypeVar
 
 from mcap.exceptions import EndOfFile, McapError
 from mcap.reader import SeekingReader
@@ -34,6 +33,7 @@ from rosbags.typesys import get_types_from_msg
 from zstandard import ZstdError
 
 from runtime.bus import Envelope
+from runtime.closing import Closing
 from runtime.errors import LogError
 from runtime.messages import type_name, typestore
 from runtime.rmw_zenoh import type_hash
@@ -104,7 +104,7 @@ def _logs_in(folder: Path, wanted: str) -> str:
     )
 
 
-class LogFile:
+class LogFile(Closing):
     """A recorded session. Times are session time [ns]."""
 
     def __init__(self, path: Path, file: IO[bytes]) -> None:
@@ -223,14 +223,6 @@ class LogFile:
     def close(self) -> None:
         """Close the file. Idempotent."""
         self._file.close()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
 
 
 def _learn(ros_type: str, definition: str) -> bool:

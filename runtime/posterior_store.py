@@ -13,9 +13,9 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
 from typing import Any
 
+from runtime.closing import Closing
 from runtime.errors import InputError, SessionError
 from runtime.messages import Attempt, Ending, Outcome, SearchResult, Seat
 
@@ -63,7 +63,7 @@ class Tried:
     outcome: Outcome
 
 
-class PosteriorStore:
+class PosteriorStore(Closing):
     """Evidence about holes in one SQLite file, opened by the one process that owns it; safe from any of its threads.
 
     What `record` has returned from survives the death of the process and of the machine (write-ahead log, synced at
@@ -91,14 +91,6 @@ class PosteriorStore:
         except _DamagedError:
             self.set_aside = self._move_aside()
             self._connection = self._open()
-
-    def __enter__(self) -> PosteriorStore:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
 
     def record(
         self, board_type: str, result: SearchResult, session: str, attempts: Sequence[Attempt], *, scope: str

@@ -14,8 +14,7 @@ from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from types import TracebackType
-from typing import Any, Self
+from typing import Any
 
 from mcap.well_known import MessageEncoding, SchemaEncoding
 from mcap.writer import LIBRARY_IDENTIFIER, Writer
@@ -24,6 +23,7 @@ from rosbags.rosbag2.metadata import dump_qos_v8
 
 from runtime.bus import Envelope, Inbox
 from runtime.clock import Stopwatch, wall_nanoseconds
+from runtime.closing import Closing
 from runtime.context import Context
 from runtime.errors import BusError, SessionError
 from runtime.messages import PublisherCount, typestore
@@ -42,7 +42,7 @@ _UINT32 = 0xFFFF_FFFF
 _NO_TIME = QosTime(0, 0)
 
 
-class LogWriter:
+class LogWriter(Closing):
     """One MCAP file being written. Raises SessionError in one line if the file cannot be made or the disk is full.
 
     A file that ran into an error ends with the last message that was flushed; everything before it is readable.
@@ -142,14 +142,6 @@ class LogWriter:
             raise SessionError(
                 f"{self.path} cannot be written any further: {error.strerror or error}; it holds {messages} messages"
             ) from None
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
 
 
 @dataclass

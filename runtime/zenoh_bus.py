@@ -10,14 +10,14 @@ from __future__ import annotations
 
 import json
 import threading
-from types import TracebackType
-from typing import Any, Generic, Self
+from typing import Any, Generic
 
 import zenoh
 from zenoh import ext
 
 from runtime import rmw_zenoh
 from runtime.bus import Envelope, Inbox, MessageT, Request, check_readable, decode, encode
+from runtime.closing import Closing
 from runtime.errors import BusError, InputError
 from runtime.messages import PublisherCount
 from runtime.topics import ReplyT, RequestT, Service, Topic
@@ -47,7 +47,7 @@ def _service_key(service: Service[Any, Any]) -> str:
     return f"palpate{service.name}"
 
 
-class ZenohRouter:
+class ZenohRouter(Closing):
     """The meeting point of a cell's plugins. Listens on loopback only."""
 
     def __init__(self, port: int = DEFAULT_PORT, domain: int = rmw_zenoh.DOMAIN) -> None:
@@ -87,14 +87,6 @@ class ZenohRouter:
         if not self._session.is_closed():
             self._session.close()
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
-
 
 class ZenohPublisher(Generic[MessageT]):
     """Publishes one topic on Zenoh."""
@@ -131,7 +123,7 @@ class ZenohPublisher(Generic[MessageT]):
             raise BusError(f"{self.topic.name} could not be published: {error}") from None
 
 
-class ZenohBus:
+class ZenohBus(Closing):
     """One plugin's session with the cell's router."""
 
     def __init__(
@@ -243,11 +235,3 @@ class ZenohBus:
         """Leave the bus. A session that is left open would keep the process from ending."""
         if not self._session.is_closed():
             self._session.close()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
