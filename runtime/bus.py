@@ -15,6 +15,7 @@ from dataclasses import dataclass, field
 from types import TracebackType
 from typing import Any, Generic, Protocol, Self, TypeVar
 
+from runtime.clock import pause
 from runtime.errors import BusError
 from runtime.messages import PublisherCount, type_name, typestore
 from runtime.topics import ReplyT, RequestT, Service, Topic
@@ -112,6 +113,20 @@ class Inbox:
             return self._queue.get_nowait()
         except queue.Empty:
             return None
+
+    def gather(self, timeout: float, linger: float) -> list[Envelope | Request]:
+        """All that has come `linger` seconds after the first item; nothing after `timeout` seconds or a `wake`.
+
+        For those who are in no hurry: to be woken once for many messages costs far less than once for each.
+        """
+        first = self.receive(timeout)
+        if first is None:
+            return []
+        pause(linger)
+        items = [first]
+        while (item := self.poll()) is not None:
+            items.append(item)
+        return items
 
     def __len__(self) -> int:
         return self._queue.qsize()

@@ -76,6 +76,6 @@ class Interruption:
 class Safety:
     """Times of the safety chain."""
 
-    deadline: Annotated[Duration, Field(ge=0.002, le=1.0)] = 0.1  # [s] a permit holds no longer than this
+    deadline: Annotated[Duration, Field(ge=0.002, le=1.0)] = 0.2  # [s] a permit holds no longer than this
     discrepancy: Annotated[Duration, Field(gt=0.0, le=1.0)] = 0.05  # [s] both channels must agree within it
     interruptions: tuple[Interruption, ...] = field(default_factory=tuple)

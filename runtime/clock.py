@@ -73,6 +73,11 @@ class Stopwatch:
         return time.perf_counter() - self.started
 
 
+def pause(seconds: float) -> None:
+    """Do nothing for a while of machine time."""
+    time.sleep(seconds)
+
+
 def wall_clock() -> str:
     """Local date and time as a sortable name, `20261122-151233`."""
     return time.strftime("%Y%m%d-%H%M%S")

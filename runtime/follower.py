@@ -8,9 +8,11 @@ from pathlib import Path
 
 from runtime.bus import Bus, Envelope
 from runtime.clock import Stopwatch
-from runtime.messages import NANOSECONDS, Phase, PublisherCounts, Reset, SearchResult, SessionState, header
+from runtime.messages import NANOSECONDS, Permit, Phase, PublisherCounts, Reset, SearchResult, SessionState, header
 from runtime.roles import LAUNCHER
 from runtime.topics import ATTEMPT, COUNTS, PERMIT, RESET, SEARCH_RESULT, SESSION
+
+LINGER = 0.05  # [s] of machine time: nobody reads a progress bar faster
 
 
 @dataclass
@@ -55,6 +57,8 @@ class Follower:
         self._progress = Progress(searches)
         self._show = show
         self._now = 0  # session time [ns]
+        self._started = self._done = False
+        self._watch = Stopwatch()  # since the first permit
         self._resets = bus.publisher(RESET)
         self._states = bus.publisher(SESSION)
         self._counts = bus.publisher(COUNTS)
@@ -72,35 +76,35 @@ class Follower:
     def follow(self) -> None:
         """Start the session as an operator would, by a reset, and follow it until its job is done."""
         self.say(Phase.STARTING, "waiting for the first permit")
-        started = done = False
-        watch = Stopwatch()
-        while True:
-            item = self._bus.inbox.receive(timeout=0.2)
+        while not (self._done and self._progress.done == self._progress.searches):
+            for item in self._bus.inbox.gather(timeout=0.2, linger=LINGER):
+                if isinstance(item, Envelope):
+                    self._take_note(item)
             self._check()
-            if not isinstance(item, Envelope):
-                continue
-            self._now = max(self._now, item.stamp)
-            self._progress.session_time = self._now / NANOSECONDS
-            if item.topic == PERMIT.name:
-                permit = item.read(PERMIT)
-                self._progress.permitted = permit.granted
-                if not started and permit.granted:
-                    started = True
-                    watch = Stopwatch()
-                    self.say(Phase.RUNNING, "")
-                elif not started:
-                    self._resets.send(Reset(header(self._now), LAUNCHER), self._now)
-            elif item.topic == ATTEMPT.name:
-                attempt = item.read(ATTEMPT)
-                self._progress.attempts += 1
-                self._progress.board, self._progress.hole = attempt.board, attempt.hole
-            elif item.topic == SEARCH_RESULT.name:
-                self._session.results.append(item.read(SEARCH_RESULT))
-                self._progress.done += 1
-                self._session.duration = self._now / NANOSECONDS
-                self._session.machine_time = watch.seconds
-            elif item.topic == SESSION.name and item.read(SESSION).phase == Phase.DONE:
-                done = True
             self._show(self._progress)
-            if done and self._progress.done == self._progress.searches:
-                return
+
+    def _take_note(self, item: Envelope) -> None:
+        self._now = max(self._now, item.stamp)
+        self._progress.session_time = self._now / NANOSECONDS
+        if item.topic == PERMIT.name:
+            self._hear_permit(item.read(PERMIT))
+        elif item.topic == ATTEMPT.name:
+            attempt = item.read(ATTEMPT)
+            self._progress.attempts += 1
+            self._progress.board, self._progress.hole = attempt.board, attempt.hole
+        elif item.topic == SEARCH_RESULT.name:
+            self._session.results.append(item.read(SEARCH_RESULT))
+            self._progress.done += 1
+            self._session.duration = self._now / NANOSECONDS
+            self._session.machine_time = self._watch.seconds
+        elif item.topic == SESSION.name:
+            self._done = item.read(SESSION).phase == Phase.DONE
+
+    def _hear_permit(self, permit: Permit) -> None:
+        """Press reset once the interlock asks for it at the beginning; start the job with the first permit."""
+        self._progress.permitted = permit.granted
+        if not self._started and permit.granted:
+            self._started, self._watch = True, Stopwatch()
+            self.say(Phase.RUNNING, "")
+        elif not self._started:
+            self._resets.send(Reset(header(self._now), LAUNCHER), self._now)

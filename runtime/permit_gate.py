@@ -18,7 +18,7 @@ from runtime.errors import SessionError
 from runtime.messages import Clock, Permit, nanoseconds_of, stamp_of
 from runtime.topics import PERMIT
 
-TICK = 40_000_000  # [ns] of session time between ticks of /clock: the default permit outlasts two of them
+TICK = 80_000_000  # [ns] of session time between ticks of /clock: the default permit outlasts two of them
 PATIENCE = 15.0  # [s] of machine time without a word until the interlock counts as lost; a busy machine is just slow
 
 

@@ -36,6 +36,7 @@ SUMMARY = "palpate.recording"  # metadata record that a finished recording ends 
 DESCRIPTION_FILE = "robot_description.urdf"  # attachment
 CHUNK_SIZE = 64 * 1024  # [byte] what a crash may cost at most, besides FLUSH_INTERVAL
 FLUSH_INTERVAL = 0.15  # [s] of machine time
+LINGER = 0.02  # [s] of machine time in which messages gather before they are written together
 QUIET = 2.0  # [s] of machine time without an arrival after which nothing more is expected
 DRAIN_LIMIT = 15.0  # [s] of machine time for which a stopped recorder goes on receiving at most
 _UINT32 = 0xFFFF_FFFF
@@ -217,13 +218,14 @@ class _Taken:
 
     def next(self, timeout: float) -> bool:
         """Record what arrives next, if anything does within `timeout` seconds."""
-        item = self.context.bus.inbox.receive(timeout)
-        if isinstance(item, Envelope):
-            self.context.clock.advance(item.stamp)
-            self.log.write(item)
-            self._look_at(item)
+        items = self.context.bus.inbox.gather(timeout, LINGER)
+        for item in items:
+            if isinstance(item, Envelope):
+                self.context.clock.advance(item.stamp)
+                self.log.write(item)
+                self._look_at(item)
         self.log.flush_if_due()
-        return isinstance(item, Envelope)
+        return bool(items)
 
     def _look_at(self, item: Envelope) -> None:
         try:
@@ -250,7 +252,7 @@ class _Taken:
         while not (self.ledger.complete() and not len(inbox)) and quiet.seconds < QUIET and total.seconds < DRAIN_LIMIT:
             if self.next(0.05):
                 quiet = Stopwatch()
-        for _ in range(len(inbox)):  # the limit was reached, but what is here is here
+        while len(inbox):  # the limit was reached, but what is here is here
             self.next(0.0)
         lost = self.ledger.lost()
         self.log.add_metadata(
