@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 from types import TracebackType
 from typing import Any, Generic, Protocol, Self, TypeVar
 
-from runtime.clock import pause
+from runtime.clock import Stopwatch, pause
 from runtime.errors import BusError
 from runtime.messages import PublisherCount, type_name, typestore
 from runtime.topics import ReplyT, RequestT, Service, Topic
@@ -76,6 +76,9 @@ class Request:
         self.answer(encode(message))
 
 
+_LOOK = 0.02  # [s] between looks for messages that are kept elsewhere
+
+
 @dataclass(eq=False)
 class Inbox:
     """What arrives for one plugin, in order of arrival."""
@@ -84,6 +87,14 @@ class Inbox:
     received: Counter[tuple[str, bytes]] = field(default_factory=Counter)  # by topic and publisher
     _queue: queue.SimpleQueue[Envelope | Request | None] = field(default_factory=queue.SimpleQueue)
     _last: dict[tuple[str, bytes], int] = field(default_factory=dict)
+    _fetch: Callable[[], None] | None = None
+
+    def fetch_by(self, fetch: Callable[[], None]) -> None:
+        """Let `fetch` put what waits elsewhere whenever this inbox is looked into.
+
+        For a flood of messages: a transport that keeps them until then need not disturb this process for each.
+        """
+        self._fetch = fetch
 
     def put(self, item: Envelope | Request) -> None:
         """Called by a bus, from any thread: only counts and enqueues, since a slow callback stalls the transport."""
@@ -102,13 +113,22 @@ class Inbox:
 
     def receive(self, timeout: float | None = None) -> Envelope | Request | None:
         """The next item; None after `timeout` seconds of waiting or after a `wake`."""
-        try:
-            return self._queue.get(timeout=timeout)
-        except queue.Empty:
-            return None
+        watch = Stopwatch()
+        while True:
+            wait = timeout
+            if self._fetch is not None:
+                self._fetch()
+                wait = _LOOK if timeout is None else min(_LOOK, max(0.0, timeout - watch.seconds))
+            try:
+                return self._queue.get(timeout=wait)
+            except queue.Empty:
+                if timeout is not None and watch.seconds >= timeout:
+                    return None
 
     def poll(self) -> Envelope | Request | None:
         """The next item if one is there."""
+        if self._fetch is not None and self._queue.empty():
+            self._fetch()
         try:
             return self._queue.get_nowait()
         except queue.Empty:
@@ -129,6 +149,8 @@ class Inbox:
         return items
 
     def __len__(self) -> int:
+        if self._fetch is not None:
+            self._fetch()
         return self._queue.qsize()
 
 

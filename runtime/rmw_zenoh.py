@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import struct
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, lru_cache
 from typing import Any
 
 import xxhash
@@ -49,6 +49,7 @@ def key(topic: Topic[Any], domain: int = DOMAIN) -> str:
     return f"{domain}/{topic.name.strip('/')}/{mangled(ros_type)}/{type_hash(ros_type)}"
 
 
+@lru_cache(maxsize=1000)  # a cell has some dozen keys
 def parse_key(text: str) -> tuple[str, str]:
     """Topic name and ROS type of a key expression. Raises BusError if it is none of rmw_zenoh's."""
     parts = text.split("/")

@@ -25,6 +25,7 @@ from runtime.topics import ReplyT, RequestT, Service, Topic
 DEFAULT_PORT = 7447  # the router port of rmw_zenoh
 LOOPBACK = "127.0.0.1"
 CONNECT_TIMEOUT = 10.0  # [s]
+_BACKLOG = 100_000  # messages that may wait for a recorder before its senders are held up
 _BLOCKED_FOR = (
     60_000_000  # [us] a slow receiver may hold a sender up before the transport gives up; zenoh's default is 5 s
 )
@@ -184,7 +185,14 @@ class ZenohBus(Closing):
 
     def subscribe_all(self) -> None:
         """Let every message of the cell arrive in `inbox`."""
-        self._declared.append(self._session.declare_subscriber(f"{self._domain}/**", self._handler))
+        everything = self._session.declare_subscriber(f"{self._domain}/**", zenoh.handlers.FifoChannel(_BACKLOG))
+        self._declared.append(everything)
+
+        def fetch() -> None:
+            while (sample := everything.try_recv()) is not None:
+                self._on_sample(sample)
+
+        self.inbox.fetch_by(fetch)
 
     def _on_sample(self, sample: zenoh.Sample) -> None:
         try:

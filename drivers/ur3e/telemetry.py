@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from drivers.ur3e import frames
-from drivers.ur3e.parameters import CYCLE, CYCLE_NS, JOINT_NAMES, JOINTS, Joint
+from drivers.ur3e.parameters import CYCLE, CYCLE_NS, JOINT_NAMES, JOINTS, Triple
 from drivers.ur3e.robot_model import quaternion_of_rpy, urdf
 from drivers.ur3e.simulated_arm import SimulatedArm
 from runtime import topics
@@ -17,8 +17,10 @@ from runtime.bus import Publisher
 from runtime.context import Context
 from runtime.messages import (
     BASE_FRAME,
+    NANOSECONDS,
     ArmStatus,
     ControlTrace,
+    Header,
     JointState,
     Point,
     Pose,
@@ -32,6 +34,7 @@ from runtime.messages import (
     Wrench,
     WrenchStamped,
     header,
+    stamp_of,
 )
 
 PERIOD = 40_000_000  # [ns] 25 Hz: enough to see the arm move; what happens in between is in the trace
@@ -57,12 +60,9 @@ def _turned(origin: tuple[float, float, float, float], angle: float) -> Quaterni
     return Quaternion(w=w * c - z * s, x=x * c + y * s, y=y * c - x * s, z=z * c + w * s)
 
 
-def _transform(parent: str, child: str, joint: Joint | None, rotation: Quaternion, stamp: int) -> TransformStamped:
-    origin = joint.origin if joint else (0.0, 0.0, 0.0)
+def _transform(parent: Header, child: str, origin: Triple, rotation: Quaternion) -> TransformStamped:
     return TransformStamped(
-        header=header(stamp, parent),
-        child_frame_id=child,
-        transform=Transform(translation=Vector3(*origin), rotation=rotation),
+        header=parent, child_frame_id=child, transform=Transform(translation=Vector3(*origin), rotation=rotation)
     )
 
 
@@ -94,8 +94,26 @@ class Telemetry:
         self._status = bus.publisher(topics.ARM_STATUS)
         self._trace = bus.publisher(topics.TRACE)
         self._description = bus.publisher(topics.ROBOT_DESCRIPTION)
-        self._parents = ("base_link_inertia", *(joint.link for joint in JOINTS[:-1]))
         self._origins = tuple(quaternion_of_rpy(joint.rpy) for joint in JOINTS)
+        # Made once and filled anew each time, all with one stamp: making them was a third of the cost of publishing.
+        self._stamp = stamp_of(0)
+        self._tool_header = Header(stamp=self._stamp, frame_id="tool0")
+        self._base_header = Header(stamp=self._stamp, frame_id=BASE_FRAME)
+        nothing = np.zeros(len(JOINTS))
+        self._joint_state = JointState(
+            header=Header(stamp=self._stamp, frame_id=""),
+            name=list(JOINT_NAMES),
+            position=nothing,
+            velocity=nothing,
+            effort=nothing,
+        )
+        parents = ("base_link_inertia", *(joint.link for joint in JOINTS[:-1]))
+        self._links = TFMessage(
+            transforms=[
+                _transform(Header(stamp=self._stamp, frame_id=parent), joint.link, joint.origin, Quaternion(0, 0, 0, 1))
+                for parent, joint in zip(parents, JOINTS, strict=True)
+            ]
+        )
 
     def describe(self) -> None:
         """Publish what does not change: the robot's description and its fixed frames."""
@@ -108,7 +126,8 @@ class Telemetry:
             ("tool0", "gripper", (0.0, 0.0, 0.0)),
         )
         transforms = [
-            _transform(parent, child, None, _turned(quaternion_of_rpy(rpy), 0.0), 0) for parent, child, rpy in fixed
+            _transform(header(0, parent), child, (0.0, 0.0, 0.0), _turned(quaternion_of_rpy(rpy), 0.0))
+            for parent, child, rpy in fixed
         ]
         self._tf_static.send(TFMessage(transforms=transforms), 0)
         self._description.send(String(data=urdf()), 0)
@@ -141,34 +160,21 @@ class Telemetry:
     def publish_state(self, arm: SimulatedArm) -> None:
         """Joints, wrench, TCP and link poses."""
         now = arm.time
+        self._stamp.sec, self._stamp.nanosec = divmod(now, NANOSECONDS)
         angles = arm.getActualQ()
-        self._joints.send(
-            JointState(
-                header=header(now),
-                name=list(JOINT_NAMES),
-                position=np.array(angles),
-                velocity=np.array(arm.getActualQd()),
-                effort=np.array(arm.getJointTorques()),
-            ),
-            now,
-        )
-        self._wrench.send(WrenchStamped(header=header(now, "tool0"), wrench=wrench_of(arm.sensor.wrench)), now)
+        joints = self._joint_state
+        joints.position = np.array(angles)
+        joints.velocity = np.array(arm.getActualQd())
+        joints.effort = np.array(arm.getJointTorques())
+        self._joints.send(joints, now)
+        wrench = WrenchStamped(header=self._tool_header, wrench=wrench_of(arm.sensor.wrench))
+        self._wrench.send(wrench, now)
         position, rotation = arm.pose
-        self._pose.send(
-            PoseStamped(
-                header=header(now, BASE_FRAME), pose=pose_of(position, frames.quaternion_of_rotation(rotation))
-            ),
-            now,
-        )
-        self._tf.send(
-            TFMessage(
-                transforms=[
-                    _transform(parent, joint.link, joint, _turned(origin, angle), now)
-                    for parent, joint, origin, angle in zip(self._parents, JOINTS, self._origins, angles, strict=True)
-                ]
-            ),
-            now,
-        )
+        pose = pose_of(position, frames.quaternion_of_rotation(rotation))
+        self._pose.send(PoseStamped(header=self._base_header, pose=pose), now)
+        for transform, origin, angle in zip(self._links.transforms, self._origins, angles, strict=True):
+            transform.transform.rotation = _turned(origin, angle)
+        self._tf.send(self._links, now)
 
     def publish_trace(self, arm: SimulatedArm) -> None:
         """Every control cycle since the last trace."""
