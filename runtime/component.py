@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cache
 from typing import Literal
 
 from runtime.errors import InputError, alternatives
@@ -99,6 +100,7 @@ def feasible(component: Component, x: float, y: float, yaw: float = 0.0) -> bool
     )
 
 
+@cache
 def feasible_area(component: Component, yaw: float = 0.0) -> float:
     """Area [m^2] of the offsets at which the part goes in: half the integral of the squared clearance over angle."""
     step = 2 * math.pi / _DIRECTIONS
