@@ -33,6 +33,7 @@ from runtime.view_tracks import TIMELINE, Tracks
 
 INTERVAL = 50_000_000  # [ns] of session time between two samples of what is published all the time
 ROBOT = "robot"
+PEAK_CYCLES = 10  # control cycles of 2 ms of which one force is drawn
 FORCE_Z, FORCE = "plots/force/Fz", "plots/force/F"
 ATTEMPTS = "plots/attempts/this_search"
 TOTAL = "plots/total/attempts"
@@ -61,6 +62,7 @@ class Scene:
         self._holding = ""  # component in the gripper
         self._shown: dict[str, int] = {}  # stamp of the last sample by topic [ns]
         self._peak: tuple[int, m.Vector3] | None = None  # strongest force since the last sample
+        self._traced = False
         self._now = -1
         self._handlers: dict[str, tuple[Topic[Any], Callable[[Any, int], None]]] = {}
         for topic, handler in self._all_handlers():
@@ -73,6 +75,7 @@ class Scene:
             (topics.TF_STATIC, self._fixed_frames),
             (topics.TCP_POSE, self._tcp),
             (topics.WRENCH, self._wrench),
+            (topics.TRACE, self._trace),
             (topics.SEARCH_GOAL, self._begin),
             (topics.TRUTH, self._truth),
             (topics.CANDIDATE, self._candidate),
@@ -152,6 +155,8 @@ class Scene:
 
     def _wrench(self, message: m.WrenchStamped, stamp: int) -> None:
         """Of each interval the strongest force is shown, so that no contact is missed."""
+        if self._traced:
+            return
         force = message.wrench.force
         if self._peak is None or _size(force) > _size(self._peak[1]):
             self._peak = (stamp, force)
@@ -162,6 +167,18 @@ class Scene:
             self._tracks.number(FORCE, at, _size(strongest))
             self._tracks.number(FORCE_Z, at, strongest.z)
             self._peak = None
+
+    def _trace(self, message: m.ControlTrace, _stamp: int) -> None:
+        """The strongest force of every few control cycles; finer than the wrench topic, which is no longer needed."""
+        self._traced = True
+        forces = message.wrench.reshape(-1, 6)[:, :3]  # (cycles, 3) [N]
+        sizes = np.linalg.norm(forces, axis=1)
+        first, period = m.nanoseconds_of(message.header.stamp), round(message.period * m.NANOSECONDS)
+        for start in range(0, len(sizes), PEAK_CYCLES):
+            row = start + int(sizes[start : start + PEAK_CYCLES].argmax())
+            at = first + row * period
+            self._tracks.number(FORCE, at, float(sizes[row]))
+            self._tracks.number(FORCE_Z, at, float(forces[row, 2]))
 
     def _begin(self, goal: m.SearchGoal, stamp: int) -> None:
         self._goal = goal

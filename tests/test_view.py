@@ -115,6 +115,30 @@ def test_attempts_and_states_are_shown_when_they_happened(log: Path, rrd: Path) 
     assert [value == ["permitted"] for _, value in lane] == [granted for _, granted in changes]
 
 
+def test_forces_are_drawn_from_every_control_cycle_where_there_is_a_trace(tmp_path: Path) -> None:
+    period = 2_000_000  # [ns]
+    wrenches = np.random.default_rng(1).normal(size=(200, 6))
+
+    def traced() -> Iterator[log_samples.Sent]:
+        for start in range(0, 200, 50):
+            rows_of = wrenches[start : start + 50]
+            stamp = (start + 49) * period
+            nothing = np.zeros(300)
+            first = m.header(start * period, "tool0")
+            yield "arm", t.TRACE, m.ControlTrace(first, 0.002, nothing, nothing, rows_of.ravel()), stamp
+        still = m.Wrench(m.Vector3(0.0, 0.0, 0.0), m.Vector3(0.0, 0.0, 0.0))
+        yield "arm", t.WRENCH, m.WrenchStamped(m.header(200 * period), still), 200 * period
+
+    path, file = tmp_path / "traced.mcap", tmp_path / "traced.rrd"
+    log_samples.record(path, traced())
+    view(path, "save", file, lambda _said: None)
+    sizes = np.linalg.norm(wrenches[:, :3], axis=1)
+    strongest = [start + int(sizes[start : start + 10].argmax()) for start in range(0, 200, 10)]
+    shown = rows(file, "/plots/force/F", "scalars")
+    assert [when for when, _ in shown] == pytest.approx([row * period / 1e9 for row in strongest])
+    assert [value[0] for _, value in shown] == pytest.approx(sizes[strongest].tolist())
+
+
 def test_streams_are_sampled_but_no_contact_is_missed(log: Path, rrd: Path) -> None:
     with open_log(log) as recorded:
         forces = [
