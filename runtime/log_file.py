@@ -114,6 +114,11 @@ class LogFile(Closing):
         self._reader = _Reader(file, self._contents.summary)
         self._decodable: dict[tuple[str, str], str] = {}  # why a topic cannot be decoded, empty if it can
 
+    def check_complete(self, used: str) -> None:
+        """Raise LogError if the log is cut short; `used` says what became of what it does hold."""
+        if not self.complete:
+            raise LogError(f"{self.path.name} is cut short, as when its recorder was killed: {used}")
+
     @property
     def start(self) -> int:
         """Stamp of the earliest message [ns]; 0 for a log without messages."""

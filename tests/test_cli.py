@@ -119,6 +119,17 @@ def test_a_file_that_is_no_log_is_answered_in_one_line(palpate: Palpate, sample:
     assert sorted(item.name for item in palpate.folder.iterdir()) == ["bad.mcap"]
 
 
+def test_a_log_that_is_cut_short_is_used_as_far_as_it_goes_and_said(palpate: Palpate, sample: Path) -> None:
+    whole = sample.read_bytes()
+    path = palpate.folder / "short.mcap"
+    path.write_bytes(whole[: len(whole) * 2 // 3])
+    line = refused(palpate, "replay", path, "--rate", "max", "--port", str(palpate.port))
+    assert "short.mcap" in line
+    assert "everything that it holds was published" in line
+    assert "cut short" in refused(palpate, "view", path, "--rerun", "save")
+    assert path.with_suffix(".rrd").stat().st_size > 10_000
+
+
 def test_a_hole_out_of_reach_is_named(palpate: Palpate) -> None:
     cell = write_cell(palpate.folder, cell_text(holes=2).replace('name = "2", x = "0 mm"', 'name = "2", x = "400 mm"'))
     line = refused(palpate, "launch", cell, "--port", str(palpate.port))

@@ -18,7 +18,7 @@ ROLE = "player"
 
 
 def replay_command(arguments: argparse.Namespace) -> int:
-    """Play a log to its end and print what was sent."""
+    """Play a log to its end and print what was sent. Raises LogError at the end of a log that is cut short."""
     rate = parse_rate(arguments.rate)
     console = Console()
     with contextlib.ExitStack() as stack:
@@ -41,4 +41,5 @@ def replay_command(arguments: argparse.Namespace) -> int:
     console.print(
         f"{sum(summary.sent.values())} messages, {summary.until / 1e9:.1f} s of session time", highlight=False
     )
+    log.check_complete("everything that it holds was published")
     return 0
