@@ -8,9 +8,9 @@ from pathlib import Path
 
 from runtime.bus import Bus, Envelope
 from runtime.clock import Stopwatch
-from runtime.messages import NANOSECONDS, Permit, Phase, PublisherCounts, Reset, SearchResult, SessionState, header
+from runtime.messages import NANOSECONDS, Log, Permit, Phase, PublisherCounts, Reset, SearchResult, SessionState, header
 from runtime.roles import LAUNCHER
-from runtime.topics import ATTEMPT, COUNTS, PERMIT, RESET, SEARCH_RESULT, SESSION
+from runtime.topics import ATTEMPT, COUNTS, PERMIT, RESET, ROSOUT, SEARCH_RESULT, SESSION
 
 LINGER = 0.05  # [s] of machine time: nobody reads a progress bar faster
 
@@ -26,6 +26,7 @@ class Progress:
     hole: str = ""
     session_time: float = 0.0  # [s]
     permitted: bool = True
+    said: list[Log] = field(default_factory=list)  # by the plugins, since the last look
 
 
 @dataclass
@@ -62,7 +63,7 @@ class Follower:
         self._resets = bus.publisher(RESET)
         self._states = bus.publisher(SESSION)
         self._counts = bus.publisher(COUNTS)
-        bus.subscribe(PERMIT, SEARCH_RESULT, ATTEMPT, SESSION)
+        bus.subscribe(PERMIT, SEARCH_RESULT, ATTEMPT, SESSION, ROSOUT)
         bus.announce()
 
     def say(self, phase: Phase, text: str) -> None:
@@ -82,6 +83,7 @@ class Follower:
                     self._take_note(item)
             self._check()
             self._show(self._progress)
+            self._progress.said.clear()
 
     def _take_note(self, item: Envelope) -> None:
         self._now = max(self._now, item.stamp)
@@ -97,6 +99,8 @@ class Follower:
             self._progress.done += 1
             self._session.duration = self._now / NANOSECONDS
             self._session.machine_time = self._watch.seconds
+        elif item.topic == ROSOUT.name:
+            self._progress.said.append(item.read(ROSOUT))
         elif item.topic == SESSION.name:
             self._done = item.read(SESSION).phase == Phase.DONE
 

@@ -32,7 +32,7 @@ class Order:
     cell_file: CellFile
     logs: Path
     fresh: bool = False
-    viewer: dict[str, Any] | None = None  # options of the viewer; None: nobody watches
+    viewer: str | None = None  # spawn, web or save; None: nobody watches
 
 
 def launch(order: Order, show: Callable[[Progress], None]) -> Session:
@@ -115,7 +115,10 @@ def assignments(order: Order, session: Session) -> Iterator[Assignment]:
     crew = [role for role in roles.CLOSING_ORDER if role != roles.VIEWER]
     if order.viewer is not None:
         crew.append(roles.VIEWER)
-        options[roles.VIEWER] = order.viewer
+        options[roles.VIEWER] = {
+            "mode": order.viewer,
+            "path": str(session.log.with_suffix(".rrd")) if order.viewer == "save" else "",
+        }
     for role in crew:
         yield Assignment(
             role=role,

@@ -54,14 +54,15 @@ class Viewer:
             scene = _prepare(recording, context.session, context.cell.board, context.cell.search.radius)
             context.bus.subscribe(*scene.topics)
             context.ready()
-            if said:
-                context.log(said)
             shown = Stopwatch()
             while not context.stopping:
                 item = context.bus.inbox.receive(REFRESH)
                 if isinstance(item, Envelope):
                     context.clock.advance(item.stamp)
                     scene.show(item)
+                    if said:  # only now: before the session begins the others may not listen yet
+                        context.log(said)
+                        said = ""
                 if shown.seconds > REFRESH:
                     scene.flush()
                     shown = Stopwatch()

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from runtime import config
+from runtime import config, registry
 from runtime.cell import Tolerances
 from runtime.component import COMPONENTS
 from runtime.config import CellFile, load, redacted, redacted_cell, scope_of, shipped
@@ -42,7 +42,7 @@ def test_values_arrive_in_si_units() -> None:
     assert cell.board.holes[0].x == pytest.approx(-0.03)
     assert cell.board.holes[3].orientation == pytest.approx(3.141592653589793)
     assert cell.tolerances.board_rotation == pytest.approx(2e-3)
-    assert cell.safety.deadline == pytest.approx(0.1)
+    assert cell.safety.deadline == pytest.approx(0.2)
 
 
 WRONG = {
@@ -52,7 +52,7 @@ WRONG = {
     ),
     "a wrong key at the top": (
         replaced("strategy =", "strategie ="),
-        r"strategie: unknown key; did you mean 'strategy'",
+        r"strategie: unknown key; did you mean 'strateg",
     ),
     "a wrong key in a list": (
         replaced('orientation = "0 deg"', 'turn = "0 deg"'),
@@ -93,7 +93,7 @@ WRONG = {
         r"70 is no hole's number; write 1 to 9",
     ),
     "a wrong rate": (replaced('"max"', '"fast"'), r"rate 'fast' is neither 'max' nor a number"),
-    "no TOML": ("robot = ", r"no valid TOML: .*line 1"),
+    "no TOML": ("robot = meta meta\n", r"no valid TOML: .*line 1"),
     "a date": (replaced("seed = 1", "seed = 2026-01-01"), r"cell\.toml: .*date"),
     "settings of an unknown strategy": (TEXT + "\n[strategies.mega]\nx = 1\n", r"no strategy 'mega'"),
     "a wrong setting of a strategy": (
@@ -125,9 +125,9 @@ def test_overrides_replace_the_file() -> None:
 
 
 def test_settings_of_a_strategy_are_given_to_it(tmp_path: Path) -> None:
-    assert load(write(tmp_path, TEXT + "\n[strategies.spiral]\nturns = 3\n")).cell.strategies == {
-        "spiral": {"turns": 3}
-    }
+    cell = load(write(tmp_path, TEXT + '\n[strategies.spiral]\npitch = "0.3 mm"\n')).cell
+    made = registry.strategy("spiral", cell.strategies["spiral"], "cell")
+    assert made == registry.load(registry.STRATEGIES, "spiral")(pitch=0.3e-3)
 
 
 ROLES = ["strategy", "posterior", "assembly", "interlock", "light_curtain", "recorder", "viewer"]

@@ -131,8 +131,9 @@ def test_a_session_is_run_recorded_and_remembered(palpate: Palpate) -> None:
     assert [len(goal.seats) for goal in goals] == [2, 3]
     assert (goals[0].prior.x, goals[0].prior.y) != (0.0, 0.0)
 
-    fresh = palpate.launch(cell, "--fresh")
+    fresh = palpate.launch(cell, "--fresh", "--rerun", "save")
     assert fresh.returncode == 0, fresh.stderr
+    assert palpate.logs()[2].with_suffix(".rrd").stat().st_size > 50_000
     assert decisions_of(palpate.logs()[2]) == decisions_of(log_path)
 
 

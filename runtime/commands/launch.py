@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import logging
 import os
 import sys
 from pathlib import Path
@@ -19,7 +20,8 @@ from runtime.errors import InputError, SessionError
 from runtime.follower import Progress, Session
 from runtime.launcher import Order, launch
 from runtime.log_file import open_log
-from runtime.messages import Ending
+from runtime.messages import NANOSECONDS, Ending
+from runtime.roles import VIEWER
 
 OVERRIDES = ("strategy", "component", "boards", "seed", "rate")
 
@@ -33,7 +35,7 @@ def launch_command(arguments: argparse.Namespace) -> int:
         overrides["bus"] = {"port": arguments.port}
     cell_file = config.load(arguments.cell, overrides)
     logs = Path(arguments.logs)
-    order = Order(cell_file, logs, arguments.fresh, viewer_options(arguments.rerun, logs))
+    order = Order(cell_file, logs, arguments.fresh, viewer_mode(arguments.rerun))
     console = Console()
     session = _with_bar(order, console)
     summarise(session, cell_file, console)
@@ -42,8 +44,8 @@ def launch_command(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def viewer_options(mode: str, logs: Path) -> dict[str, Any] | None:
-    """Options of the live viewer; None for none."""
+def viewer_mode(mode: str) -> str | None:
+    """Mode of the live viewer; None for none. Raises InputError for a window without a display."""
     display = bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
     if mode == "auto":
         mode = "spawn" if display else "off"
@@ -51,7 +53,7 @@ def viewer_options(mode: str, logs: Path) -> dict[str, Any] | None:
         return None
     if mode == "spawn" and not display:
         raise InputError("--rerun spawn needs a display and there is none; choose --rerun web, save or off")
-    return {"mode": mode, "path": str(logs / "live.rrd") if mode == "save" else ""}
+    return mode
 
 
 def _with_bar(order: Order, console: Console) -> Session:
@@ -70,6 +72,11 @@ def _with_bar(order: Order, console: Console) -> Session:
         task = bar.add_task(f"{cell.component}, {cell.strategy}", total=total, detail="starting")
 
         def show(progress: Progress) -> None:
+            for line in progress.said:
+                if line.name == VIEWER or (line.level >= logging.WARNING and sys.stdout.isatty()):
+                    when = line.stamp.sec + line.stamp.nanosec / NANOSECONDS
+                    text = f"{when:.2f} s  {line.name}: {line.msg}"
+                    console.print(text, highlight=False, markup=False, soft_wrap=True)
             where = f"board {progress.board} hole {progress.hole}" if progress.hole else "starting"
             stopped = "" if progress.permitted else "  [yellow]stopped[/]"
             detail = f"{where}  {progress.attempts} attempts  {progress.session_time:.1f} s{stopped}"
@@ -102,6 +109,9 @@ def summarise(session: Session, cell_file: CellFile, console: Console) -> None:
     )
     if not session.log.exists():
         return
+    view = session.log.with_suffix(".rrd")
+    if view.exists():
+        console.print(f"watched in {view}: rerun {view}", highlight=False, soft_wrap=True)
     with open_log(session.log) as log:
         recording = log.metadata.get("palpate.recording", {})
         if not log.complete or not recording:
