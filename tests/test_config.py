@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import re
 from pathlib import Path
 from typing import Any
@@ -125,9 +126,9 @@ def test_overrides_replace_the_file() -> None:
 
 
 def test_settings_of_a_strategy_are_given_to_it(tmp_path: Path) -> None:
-    cell = load(write(tmp_path, TEXT + '\n[strategies.spiral]\npitch = "0.3 mm"\n')).cell
+    cell = load(write(tmp_path, TEXT + '\n[strategies.spiral]\nstep = "20 deg"\n')).cell
     made = registry.strategy("spiral", cell.strategies["spiral"], "cell")
-    assert made == registry.load(registry.STRATEGIES, "spiral")(pitch=0.3e-3)
+    assert made == registry.load(registry.STRATEGIES, "spiral")(step=math.radians(20))
 
 
 ROLES = ["strategy", "posterior", "assembly", "interlock", "light_curtain", "recorder", "viewer"]
