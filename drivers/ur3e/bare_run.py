@@ -3,25 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import mujoco
 
 from drivers.ur3e.job import attempt_message
-from drivers.ur3e.simulated_cell import SimulatedCell
-from drivers.ur3e.skill import InsertionSkill
+from drivers.ur3e.setup import Setup
 from runtime import registry
 from runtime.assembly import goal_for
 from runtime.belief import belief_about
 from runtime.clock import Stopwatch
-from runtime.component import component
 from runtime.config import Cell, redacted_cell
 from runtime.messages import NANOSECONDS, Attempt, Belief, Outcome, Seat, header
 from runtime.plugin import BareRun
 from runtime.strategy_host import SearchSession
-
-if TYPE_CHECKING:
-    from drivers.ur3e.driver import MujocoUr3e
 
 
 @dataclass
@@ -37,21 +32,11 @@ class _TimedPhysics:
         self.seconds += self.watch.seconds - begun
 
 
-def bare_run(settings: MujocoUr3e, cell: Cell) -> BareRun:
+def bare_run(setup: Setup, cell: Cell) -> BareRun:
     """Work through the cell's boards from an empty store; tells how long it took and what of it was physics."""
-    part = component(cell.component)
     physics = _TimedPhysics()
-    world = SimulatedCell(
-        cell.board,
-        part,
-        cell.tolerances,
-        cell.seed,
-        workcell=settings.workcell,
-        fidelity=settings.fidelity,
-        integrate=physics,
-    )
+    world, skill = setup.build(cell, integrate=physics)
     arm = world.arm
-    skill = InsertionSkill(arm, settings.workcell, cell.board, part, settings.skill)
     decide = redacted_cell(cell, "assembly")
     session = SearchSession(registry.strategy(cell.strategy, cell.strategies.get(cell.strategy, {}), "cell"))
     seats: list[Seat] = []

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import ClassVar, Literal
+from typing import TYPE_CHECKING, ClassVar, Literal
 
 from drivers.ur3e.skill import SkillSettings
 from drivers.ur3e.workcell import Workcell
@@ -12,6 +12,9 @@ from runtime.config import Cell
 from runtime.context import Context
 from runtime.errors import CellError
 from runtime.plugin import BareRun
+
+if TYPE_CHECKING:
+    from drivers.ur3e.setup import Setup
 
 
 @dataclass(frozen=True)
@@ -36,16 +39,21 @@ class MujocoUr3e:
         """The cell's job without bus, log and other plugins, to measure what those cost."""
         from drivers.ur3e.bare_run import bare_run
 
-        return bare_run(self, cell)
+        return bare_run(self._setup(), cell)
 
     def picture(self, cell: Cell, path: Path) -> None:
         """Write a PNG of the cell with a part in the gripper. Raises InputError where nothing can be drawn."""
         from drivers.ur3e.portrait import portrait
 
-        portrait(self, cell, path)
+        portrait(self._setup(), cell, path)
 
     def run(self, context: Context) -> None:
         """Serve searches until the cell closes; the arm is halted when this returns."""
         from drivers.ur3e.job import Job
 
-        Job(self, context).run()
+        Job(self._setup(), context).run()
+
+    def _setup(self) -> Setup:
+        from drivers.ur3e.setup import Setup
+
+        return Setup(self.fidelity, self.workcell, self.skill)

@@ -3,25 +3,21 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
+from drivers.ur3e.setup import Setup
 from drivers.ur3e.simulated_arm import SimulatedArm
-from drivers.ur3e.simulated_cell import SearchTruth, SimulatedCell
-from drivers.ur3e.skill import InsertionSkill, Peck
+from drivers.ur3e.simulated_cell import SearchTruth
+from drivers.ur3e.skill import Peck
 from drivers.ur3e.telemetry import Telemetry, pose_of, wrench_of
 from runtime import topics
 from runtime.bus import Envelope
 from runtime.cell import Hole
 from runtime.clock import Pacer, parse_rate
-from runtime.component import component
 from runtime.context import Context
 from runtime.errors import ArmError, SessionError
 from runtime.messages import BASE_FRAME, Attempt, Candidate, Outcome, Phase, SearchGoal, Truth, header
 from runtime.permit_gate import PermitGate
 from runtime.topics import MessageT, Topic
-
-if TYPE_CHECKING:
-    from drivers.ur3e.driver import MujocoUr3e
 
 
 class _Stopped(Exception):  # noqa: N818 - no error: the cell is closing and the arm stands
@@ -31,7 +27,7 @@ class _Stopped(Exception):  # noqa: N818 - no error: the cell is closing and the
 class Job:
     """Owns the simulated cell and serves searches on it."""
 
-    def __init__(self, settings: MujocoUr3e, context: Context) -> None:
+    def __init__(self, setup: Setup, context: Context) -> None:
         cell = context.cell
         bus = context.bus
         self._context = context
@@ -40,18 +36,7 @@ class Job:
         self._gate = PermitGate(context, bus.publisher(topics.CLOCK), Pacer(parse_rate(cell.rate)))
         self._telemetry = Telemetry(context)
         bus.subscribe(topics.SESSION, topics.PERMIT, topics.SEARCH_GOAL, topics.CANDIDATE)
-        part = component(cell.component)
-        self._cell = SimulatedCell(
-            cell.board,
-            part,
-            cell.tolerances,
-            cell.seed,
-            workcell=settings.workcell,
-            fidelity=settings.fidelity,
-            gate=self._gate,
-            observe=self._after_cycle,
-        )
-        self._skill = InsertionSkill(self._cell.arm, settings.workcell, cell.board, part, settings.skill)
+        self._cell, self._skill = setup.build(cell, gate=self._gate, observe=self._after_cycle)
 
     def run(self) -> None:
         """Serve searches until the cell closes. Raises SessionError if the arm cannot go on; it is halted by then."""

@@ -3,28 +3,18 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-from drivers.ur3e.simulated_cell import SimulatedCell
-from drivers.ur3e.skill import InsertionSkill
-from runtime.component import component
+from drivers.ur3e.setup import Setup
 from runtime.config import Cell
 from runtime.errors import InputError
 
-if TYPE_CHECKING:
-    from drivers.ur3e.driver import MujocoUr3e
 
-
-def portrait(settings: MujocoUr3e, cell: Cell, path: Path) -> None:
+def portrait(setup: Setup, cell: Cell, path: Path) -> None:
     """Insert half of a board where its holes really are, hold the next part above its hole, and write a PNG.
 
     Raises InputError where this machine has nothing to draw with.
     """
-    part = component(cell.component)
-    world = SimulatedCell(
-        cell.board, part, cell.tolerances, cell.seed, workcell=settings.workcell, fidelity=settings.fidelity
-    )
-    skill = InsertionSkill(world.arm, settings.workcell, cell.board, part, settings.skill)
+    world, skill = setup.build(cell)
     holes = cell.board.holes
     half = len(holes) // 2
     for search, hole in enumerate(holes[: half + 1], start=1):
