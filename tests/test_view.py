@@ -241,7 +241,9 @@ def test_the_browser_is_served_on_loopback_only_and_until_the_end(
     before, exchange = listening(), LocalExchange()
     listener = log_samples.context(exchange, "recorder").bus
     listener.subscribe(t.ROSOUT)
+    session = log_samples.context(exchange, "launcher").bus.publisher(t.SESSION)
     with live(Viewer("web"), exchange):
+        session.send(m.SessionState(m.header(0), "test", int(m.Phase.STARTING), ""), 0)
         item = listener.inbox.receive(30.0)
         assert isinstance(item, Envelope)
         spoken = item.read(t.ROSOUT).msg
