@@ -11,6 +11,13 @@ from pathlib import Path
 import pytest
 from cells import Palpate, cell_text, write_cell
 from log_samples import record
+from rich.console import Console
+
+from runtime.commands.launch import summarise
+from runtime.config import load
+from runtime.errors import SessionError
+from runtime.follower import Session
+from runtime.recorder import SUMMARY, LogWriter
 
 HEAVY = ["mujoco", "pinocchio", "rerun", "zenoh", "numpy", "scipy", "pydantic", "rich", "rosbags", "mcap"]
 COMMANDS = ["launch", "replay", "view", "plugins", "picture", "bench"]
@@ -176,3 +183,12 @@ def test_the_bench_prints_and_writes_its_figures(palpate: Palpate) -> None:
     assert written["rtf_physics"] > written["rtf_controller"] > 0
     assert written["inserted"] == 1
     assert f"{written['rtf_cell']:.1f}" in done.stdout
+
+
+def test_a_loss_is_told_and_fails_the_session(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "lossy.mcap"
+    with LogWriter(path) as log:
+        log.add_metadata(SUMMARY, {"messages": "997", "lost": "3", "lost_topics": '{"/attempt": 3}'})
+    with pytest.raises(SessionError, match=r'3 messages were lost .*"/attempt": 3'):
+        summarise(Session("lossy", path), load("igbt"), Console())
+    assert "recorded 997 messages, 3 lost" in capsys.readouterr().out
