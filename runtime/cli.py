@@ -95,6 +95,12 @@ def _parser() -> argparse.ArgumentParser:
         "--logs", default="logs", metavar="DIR", help="where logs and the posterior store go (default: logs)"
     )
 
+    launch.add_argument(
+        "--in-process",
+        action="store_true",
+        help="run all plugins as threads of this process, without Zenoh, where a debugger reaches them",
+    )
+
     replay = _make(commands, "replay", "publish a recorded session on Zenoh again, with its timing")
     replay.add_argument("log", metavar="LOG", help="an .mcap file")
     replay.add_argument("--rate", default="1.0", metavar="RATE", help="times the recorded speed, or max (default: 1.0)")

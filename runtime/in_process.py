@@ -72,8 +72,10 @@ def run_in_process(order: Order, show: Callable[[Progress], None] = lambda _prog
             follower = Follower(bus, check, session, cell.boards * len(cell.board.holes), show)
             try:
                 follower.follow()
+            except KeyboardInterrupt:
+                session.interrupted = True
             finally:
-                follower.say(Phase.CLOSING, "closing")
+                follower.say(Phase.CLOSING, "interrupted" if session.interrupted else "closing")
                 for role in roles.CLOSING_ORDER:
                     if role == roles.RECORDER:
                         follower.count()

@@ -154,13 +154,6 @@ class PosteriorStore(Closing):
             for session, search, board, hole, number, x, y, outcome in rows
         ]
 
-    def board_types(self, *, scope: str | None = None) -> list[str]:
-        """Names of the board types with evidence, in alphabetical order; of all scopes if none is given."""
-        rows = self._read(
-            "SELECT DISTINCT board_type FROM search WHERE ?1 IS NULL OR scope = ?1 ORDER BY board_type", (scope,)
-        )
-        return [row[0] for row in rows]
-
     def forget(self, board_type: str | None = None, *, scope: str | None = None) -> int:
         """Delete the evidence of a board type, or of all, in one scope or all; how many searches that was."""
         with self._transaction() as connection:

@@ -9,6 +9,7 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
+from runtime.belief import ellipse
 from runtime.messages import Attempt, Candidate, Gaussian, Outcome, SearchGoal, Truth
 
 CLOSE_UP = "hole"
@@ -85,7 +86,7 @@ class CloseUp:
         if not belief.known:
             self._log("belief", rr.Clear(recursive=False))
             return
-        rings = [ellipse(belief, sigma) * _MM for sigma in (1.0, 2.0)]
+        rings = [ellipse(belief, sigma) * (_MM, -_MM) for sigma in (1.0, 2.0)]  # 2D views have y downwards
         reach = self._radius * _MM
         widths = [0.009 * reach, 0.005 * reach]
         self._log("belief", rr.LineStrips2D(rings, colors=[BELIEF, (*BELIEF, 150)], radii=widths, draw_order=10.0))
@@ -118,14 +119,6 @@ class CloseUp:
 
     def _log(self, name: str, what: Any) -> None:
         self._recording.log(f"{CLOSE_UP}/{name}", what)
-
-
-def ellipse(belief: Gaussian, sigma: float) -> NDArray[np.float64]:
-    """Outline (73, 2) [m] of the points `sigma` standard deviations from the mean, y downwards as 2D views have it."""
-    values, vectors = np.linalg.eigh(np.array([[belief.xx, belief.xy], [belief.xy, belief.yy]]))
-    circle = np.stack([np.cos(_CIRCLE), np.sin(_CIRCLE)])  # (2, 73)
-    points = vectors @ (np.sqrt(np.maximum(values, 0.0))[:, None] * sigma * circle)
-    return np.stack([belief.x + points[0], -(belief.y + points[1])], axis=1)
 
 
 def _seen(place: tuple[float, float]) -> tuple[float, float]:

@@ -66,7 +66,6 @@ def test_second_open_sees_everything_in_order(path: Path) -> None:
         assert seats[0].seated_x == pytest.approx(1.1e-4)
         assert math.isnan(seats[0].seated_y)
         assert store.set_aside is None
-        assert store.board_types() == ["driver"]
 
 
 def test_failures_are_kept_but_are_no_seats(path: Path) -> None:
@@ -101,8 +100,8 @@ def test_sessions_components_boards_and_worlds_are_kept_apart(path: Path) -> Non
         assert len(store.seats("driver", "igbt", scope="sim-seed-7")) == 3
         assert store.seats("driver", "igbt", scope="sim-seed-8") == []
         assert store.seats("driver", "capacitor", scope=REAL) == []
-        assert store.board_types(scope="sim-seed-8") == []
-        assert store.board_types(scope=REAL) == ["driver", "psu"]
+        assert store.seats("psu", "igbt", scope=REAL) != []
+        assert store.seats("psu", "igbt", scope="sim-seed-8") == []
 
 
 def test_forget_deletes_just_what_was_named(path: Path) -> None:
@@ -114,9 +113,10 @@ def test_forget_deletes_just_what_was_named(path: Path) -> None:
         assert store.attempts("driver", "igbt", scope="sim") == []
         assert len(store.attempts("driver", "igbt", scope=REAL)) == 2
         assert store.forget("driver") == 1
-        assert store.board_types() == ["psu"]
+        assert store.attempts("driver", "igbt", scope=REAL) == []
+        assert store.attempts("psu", "igbt", scope=REAL) != []
         assert store.forget() == 1
-        assert store.board_types() == []
+        assert store.attempts("psu", "igbt", scope=REAL) == []
         assert store.record("driver", found(1), "monday", tries(1), scope=REAL)  # forgotten, so new again
 
 

@@ -306,3 +306,18 @@ def test_other_tools_find_nothing_wrong_with_a_log(tmp_path: Path) -> None:
         counted = Counter(connection.topic for connection, _, _ in reader.messages())
     with open_log(path) as log:
         assert counted == {topic.name: topic.count for topic in log.topics}
+
+
+def test_a_session_in_one_process_is_stopped_and_told_like_any_other(palpate: Palpate) -> None:
+    cell = write_cell(palpate.folder, cell_text(holes=1))
+    done = palpate.run("launch", cell, "--in-process")
+    assert done.returncode == 0, done.stderr
+    assert "1 of 1 igbts inserted" in done.stdout
+    check_complete(palpate.logs()[0])
+    process = palpate.start("launch", "igbt", "--rate", "1.0", "--in-process")
+    while len(palpate.logs()) < 2 or palpate.logs()[1].stat().st_size < 50_000:
+        assert process.poll() is None
+    process.send_signal(signal.SIGINT)
+    _, err = process.communicate(timeout=PATIENCE)
+    assert (process.returncode, err.strip()) == (130, "palpate: interrupted")
+    check_complete(palpate.logs()[1])

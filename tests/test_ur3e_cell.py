@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from PIL import Image
 from pydantic import TypeAdapter, ValidationError
 
-from drivers.ur3e.frames import rotation_of_quaternion, tool_down
+from drivers.ur3e.frames import rotation_of_vector, tool_down, vector_of_quaternion
 from drivers.ur3e.parameters import CYCLE_NS
 from drivers.ur3e.simulated_arm import SimulatedArm
 from drivers.ur3e.simulated_cell import SimulatedCell
@@ -110,7 +110,8 @@ def insert_board(name: str, orientation: float | None, seed: int) -> list[Peck]:
         assert seated.tcp_position[0] == pytest.approx(board.x + hole.x + x, abs=30e-6)
         assert seated.tcp_position[1] == pytest.approx(board.y + hole.y + y, abs=30e-6)
         down = tool_down(hole.orientation or 0.0)
-        assert rotation_of_quaternion(seated.tcp_quaternion) == pytest.approx(down, abs=2e-3)
+        turned = rotation_of_vector(vector_of_quaternion(seated.tcp_quaternion))
+        assert turned == pytest.approx(down, abs=2e-3)
         pecks.append(seated)
         skill.release()
         assert not cell.arm.holding

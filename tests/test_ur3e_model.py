@@ -87,7 +87,7 @@ def test_a_pose_out_of_reach_is_named() -> None:
 def test_rotation_vector_quaternion_and_matrix_are_the_same_rotation(vector: tuple[float, float, float]) -> None:
     rotation = frames.rotation_of_vector(vector)
     assert frames.vector_of_rotation(rotation) == pytest.approx(vector, abs=1e-9)
-    again = frames.rotation_of_quaternion(frames.quaternion_of_rotation(rotation))
+    again = frames.rotation_of_vector(frames.vector_of_quaternion(frames.quaternion_of_rotation(rotation)))
     assert again == pytest.approx(rotation, abs=1e-12)
     assert frames.product(rotation, frames.transpose(rotation)) == pytest.approx(frames.IDENTITY, abs=1e-12)
 

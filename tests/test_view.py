@@ -18,8 +18,6 @@ from typing import Any
 import log_samples
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from PIL import Image
 from rerun.chunk import RrdReader
 from rerun.experimental import ViewerClient
@@ -32,7 +30,6 @@ from runtime.errors import InputError, LogError
 from runtime.local_bus import LocalExchange
 from runtime.log_file import open_log
 from runtime.view_board import board_of
-from runtime.view_close_up import ellipse
 from runtime.viewer import Viewer, check, view
 
 ENTITIES = {
@@ -166,19 +163,6 @@ def test_inserted_parts_stand_where_they_went_in(log: Path, rrd: Path) -> None:
     ]
     assert np.array(pins) == pytest.approx(np.array(expected), abs=1e-7)
     assert when == pytest.approx(m.nanoseconds_of(result.header.stamp) / 1e9)
-
-
-variances = st.floats(1e-10, 1e-5)
-
-
-@given(variances, variances, st.floats(-0.95, 0.95), st.floats(-1e-3, 1e-3), st.floats(-1e-3, 1e-3))
-def test_a_belief_is_outlined_at_its_standard_deviations(xx: float, yy: float, r: float, x: float, y: float) -> None:
-    covariance = np.array([[xx, r * math.sqrt(xx * yy)], [r * math.sqrt(xx * yy), yy]])
-    belief = m.Gaussian(x, y, xx, covariance[0, 1], yy)
-    for sigma in (1.0, 2.0):
-        points = ellipse(belief, sigma) * np.array([1.0, -1.0]) - np.array([x, y])
-        distance = np.sqrt(np.einsum("ni,ij,nj->n", points, np.linalg.inv(covariance), points))
-        assert distance == pytest.approx(np.full(len(points), sigma), rel=1e-5)
 
 
 def test_without_the_settings_the_goals_tell_the_board(tmp_path: Path, log: Path) -> None:

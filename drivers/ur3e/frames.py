@@ -120,11 +120,6 @@ def vector_of_rotation(r: Rotation) -> Vector:
     return vector_of_quaternion(quaternion_of_rotation(r))
 
 
-def rotation_of_quaternion(q: Quaternion) -> Rotation:
-    """Rotation of a unit quaternion."""
-    return rotation_of_vector(vector_of_quaternion(q))
-
-
 def tool_down(yaw: float) -> Rotation:
     """The tool pointing down with its x axis turned by `yaw` [rad] about `base_link`'s z."""
     c, s = math.cos(yaw), math.sin(yaw)

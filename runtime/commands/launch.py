@@ -6,6 +6,7 @@ import argparse
 import logging
 import os
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -18,11 +19,13 @@ from runtime import config
 from runtime.config import CellFile
 from runtime.errors import InputError, SessionError
 from runtime.follower import Progress, Session
+from runtime.in_process import run_in_process
 from runtime.launcher import Order, launch
 from runtime.log_file import open_log
 from runtime.messages import NANOSECONDS, Ending
 from runtime.roles import VIEWER
 
+Run = Callable[[Order, Callable[[Progress], None]], Session]
 OVERRIDES = ("strategy", "component", "boards", "seed", "rate")
 
 
@@ -37,7 +40,7 @@ def launch_command(arguments: argparse.Namespace) -> int:
     logs = Path(arguments.logs)
     order = Order(cell_file, logs, arguments.fresh, viewer_mode(arguments.rerun))
     console = Console()
-    session = _with_bar(order, console)
+    session = _with_bar(order, console, run_in_process if arguments.in_process else launch)
     summarise(session, cell_file, console)
     if session.interrupted:
         raise KeyboardInterrupt
@@ -56,7 +59,7 @@ def viewer_mode(mode: str) -> str | None:
     return mode
 
 
-def _with_bar(order: Order, console: Console) -> Session:
+def _with_bar(order: Order, console: Console, run: Run) -> Session:
     cell = order.cell_file.cell
     total = cell.boards * len(cell.board.holes)
     with Bar(
@@ -82,7 +85,7 @@ def _with_bar(order: Order, console: Console) -> Session:
             detail = f"{where}  {progress.attempts} attempts  {progress.session_time:.1f} s{stopped}"
             bar.update(task, completed=progress.done, detail=detail)
 
-        return launch(order, show)
+        return run(order, show)
 
 
 def summarise(session: Session, cell_file: CellFile, console: Console) -> None:
