@@ -6,6 +6,7 @@ that reached it: a decision takes no session time, so it cannot depend on how fa
 
 from __future__ import annotations
 
+import threading
 import time
 from dataclasses import dataclass, field
 
@@ -13,6 +14,8 @@ from runtime.errors import InputError
 from runtime.messages import NANOSECONDS
 
 MAX_RATE = "max"
+_OVERDUE = 0.5  # [s] later than that all stood still (a person, a debugger): do not rush to catch up
+_TOO_SHORT = 2e-4  # [s] that is not worth a wait
 
 
 @dataclass
@@ -44,21 +47,22 @@ class Pacer:
     """Holds simulated or replayed time back to `rate` times real time. None: never waits."""
 
     rate: float | None
+    halt: threading.Event = field(default_factory=threading.Event)  # ends every wait
     _started: float | None = None  # [s] machine time at session time `_origin`
     _origin: int = 0  # [ns]
 
-    def wait_until(self, stamp: int) -> None:
-        """Sleep until session time `stamp` [ns] is due."""
-        if self.rate is None:
-            return
-        now = time.monotonic()
-        if self._started is None:
-            self._started, self._origin = now, stamp
-        due = self._started + (stamp - self._origin) / NANOSECONDS / self.rate
-        if due > now:
-            time.sleep(due - now)
-        elif now - due > 0.5:  # the cell stood still (a person, a debugger): do not rush to catch up
-            self._started, self._origin = now, stamp
+    def wait_until(self, stamp: int) -> bool:
+        """Wait until session time `stamp` [ns] is due; False if halted."""
+        if self.rate is not None:
+            now = time.monotonic()
+            if self._started is None:
+                self._started, self._origin = now, stamp
+            ahead = self._started + (stamp - self._origin) / NANOSECONDS / self.rate - now
+            if ahead > _TOO_SHORT:
+                self.halt.wait(ahead)
+            elif ahead < -_OVERDUE:
+                self._started, self._origin = now, stamp
+        return not self.halt.is_set()
 
 
 @dataclass(frozen=True)

@@ -28,6 +28,7 @@ from runtime.cell import Board, Name, Safety, SearchLimits, Tolerances
 from runtime.clock import parse_rate
 from runtime.component import COMPONENTS
 from runtime.errors import CellError, InputError, alternatives
+from runtime.plugin import Driver, Strategy
 from runtime.settings import read
 
 DEFAULT_CELL = "igbt"
@@ -114,12 +115,18 @@ def load(name: str, overrides: dict[str, Any] | None = None) -> CellFile:
             document[key] = {**document.get(key, {}), **value}
         else:
             document[key] = value
-    return CellFile(path.name, text, document, cell_of(document, path.name))
+    cell = cell_of(document, path.name)
+    _check(cell, path.name)
+    return CellFile(path.name, text, document, cell)
 
 
 def cell_of(document: dict[str, Any], where: str) -> Cell:
-    """The checked values of a cell document. Raises CellError or PluginError."""
-    cell = read(Cell, document, where)
+    """The values of a cell document. Raises CellError for a wrong key, type, unit or range."""
+    return read(Cell, document, where)
+
+
+def _check(cell: Cell, where: str) -> None:
+    """Raise CellError or PluginError for what only shows when the values are seen together, or with the plugins."""
     if cell.component not in COMPONENTS:
         raise CellError(
             f"{where}: component: no part {cell.component!r} is known; {alternatives(cell.component, COMPONENTS)}"
@@ -133,7 +140,16 @@ def cell_of(document: dict[str, Any], where: str) -> Cell:
         registry.strategy(name, cell.strategies.get(name, {}), where)
     for name in {*cell.drivers, cell.robot}:
         registry.driver(name, cell.drivers.get(name, {}), where)
-    return cell
+
+
+def robot_of(cell: Cell, where: str) -> Driver:
+    """The cell's robot with its settings."""
+    return registry.driver(cell.robot, cell.drivers.get(cell.robot, {}), where)
+
+
+def strategy_of(cell: Cell, where: str) -> Strategy:
+    """The cell's strategy with its settings."""
+    return registry.strategy(cell.strategy, cell.strategies.get(cell.strategy, {}), where)
 
 
 def _check_holes(cell: Cell, where: str) -> None:

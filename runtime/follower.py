@@ -66,8 +66,7 @@ class Follower:
         bus.subscribe(PERMIT, SEARCH_RESULT, ATTEMPT, SESSION, ROSOUT)
         bus.announce()
 
-    def say(self, phase: Phase, text: str) -> None:
-        """Publish the phase of the session."""
+    def _say(self, phase: Phase, text: str) -> None:
         self._states.send(SessionState(header(self._now), self._session.name, phase, text), self._now)
 
     def count(self) -> None:
@@ -75,8 +74,17 @@ class Follower:
         self._counts.send(PublisherCounts(header(self._now), LAUNCHER, self._bus.counts()), self._now)
 
     def follow(self) -> None:
-        """Start the session as an operator would, by a reset, and follow it until its job is done."""
-        self.say(Phase.STARTING, "waiting for the first permit")
+        """Follow the session to its end, or to KeyboardInterrupt, which it notes; then say that it closes."""
+        try:
+            self._follow_job()
+        except KeyboardInterrupt:
+            self._session.interrupted = True
+        finally:
+            self._say(Phase.CLOSING, "interrupted" if self._session.interrupted else "closing")
+
+    def _follow_job(self) -> None:
+        """Start the job as an operator would, by a reset, and follow it until it is done."""
+        self._say(Phase.STARTING, "waiting for the first permit")
         while not (self._done and self._progress.done == self._progress.searches):
             for item in self._bus.inbox.gather(timeout=0.2, linger=LINGER):
                 if isinstance(item, Envelope):
@@ -109,6 +117,6 @@ class Follower:
         self._progress.permitted = permit.granted
         if not self._started and permit.granted:
             self._started, self._watch = True, Stopwatch()
-            self.say(Phase.RUNNING, "")
+            self._say(Phase.RUNNING, "")
         elif not self._started:
             self._resets.send(Reset(header(self._now), LAUNCHER), self._now)

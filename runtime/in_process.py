@@ -14,7 +14,6 @@ from runtime.follower import Follower, Progress, Session
 from runtime.host import run
 from runtime.launcher import Order, assignments, check_cell, new_session
 from runtime.local_bus import LocalBus, LocalExchange
-from runtime.messages import Phase
 from runtime.roles import Assignment
 
 CLOSE_TIMEOUT = 20.0  # [s]
@@ -72,10 +71,7 @@ def run_in_process(order: Order, show: Callable[[Progress], None] = lambda _prog
             follower = Follower(bus, check, session, cell.boards * len(cell.board.holes), show)
             try:
                 follower.follow()
-            except KeyboardInterrupt:
-                session.interrupted = True
             finally:
-                follower.say(Phase.CLOSING, "interrupted" if session.interrupted else "closing")
                 for role in roles.CLOSING_ORDER:
                     if role == roles.RECORDER:
                         follower.count()

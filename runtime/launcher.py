@@ -13,12 +13,10 @@ from typing import Any
 
 from runtime import roles
 from runtime.clock import wall_clock
-from runtime.config import CellFile, redacted, scope_of
+from runtime.config import CellFile, redacted, robot_of, scope_of
 from runtime.crew import Crew
 from runtime.errors import InputError
 from runtime.follower import Follower, Progress, Session
-from runtime.messages import Phase
-from runtime.registry import driver
 from runtime.roles import Assignment
 from runtime.zenoh_bus import ZenohBus, ZenohRouter
 
@@ -53,10 +51,7 @@ def launch(order: Order, show: Callable[[Progress], None]) -> Session:
                 follower = Follower(bus, crew.check, session, cell.boards * len(cell.board.holes), show)
                 try:
                     follower.follow()
-                except KeyboardInterrupt:
-                    session.interrupted = True
                 finally:
-                    follower.say(Phase.CLOSING, "interrupted" if session.interrupted else "closing")
                     crew.close(all_but=roles.RECORDER)
                     follower.count()
                     crew.close()
@@ -69,7 +64,7 @@ def launch(order: Order, show: Callable[[Progress], None]) -> Session:
 def check_cell(cell_file: CellFile) -> None:
     """Let the robot's driver say whether it can do what the cell asks. Raises CellError."""
     cell = cell_file.cell
-    check = getattr(driver(cell.robot, cell.drivers.get(cell.robot, {}), cell_file.name), "check", None)
+    check = getattr(robot_of(cell, cell_file.name), "check", None)
     if check is not None:
         check(cell, cell_file.name)
 
@@ -100,7 +95,7 @@ def assignments(order: Order, session: Session) -> Iterator[Assignment]:
     """What each plugin of a session is told."""
     cell = order.cell_file.cell
     document = order.cell_file.document
-    simulated = getattr(driver(cell.robot, cell.drivers.get(cell.robot, {}), order.cell_file.name), "simulated", False)
+    simulated = getattr(robot_of(cell, order.cell_file.name), "simulated", False)
     scope = scope_of(document) if simulated else "real"
     document = {**document, "posterior": {**document.get("posterior", {}), "scope": scope}}
     store = cell.posterior.path or str(order.logs / "posterior.sqlite3")

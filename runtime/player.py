@@ -9,13 +9,9 @@ from dataclasses import dataclass, field
 from fnmatch import fnmatchcase
 
 from runtime.bus import Bus, Envelope, Publisher
-from runtime.clock import Stopwatch
+from runtime.clock import Pacer
 from runtime.errors import InputError, LogError, alternatives
 from runtime.log_file import LogFile
-from runtime.messages import NANOSECONDS
-
-_OVERDUE = 0.5  # [s] of machine time: later than that the player stood still and does not rush to catch up
-_TOO_SHORT = 2e-4  # [s] of machine time that is not worth a wait
 
 
 @dataclass(frozen=True)
@@ -63,7 +59,7 @@ def play(
     bus.announce()
     for envelope in _latched_before(log, publishers, start):
         summary.send(publishers, envelope)
-    pace = _Pace(rate, halt)
+    pace = Pacer(rate, halt)
     for envelope in log.messages(publishers, start, end):
         if not pace.wait_until(envelope.stamp):
             break
@@ -102,25 +98,3 @@ class _Progress:
         publishers[envelope.topic].send_raw(envelope.payload, envelope.stamp)
         self.sent[envelope.topic] += 1
         self.until = envelope.stamp
-
-
-@dataclass
-class _Pace:
-    """Session time against machine time."""
-
-    rate: float | None
-    halt: threading.Event
-    origin: int | None = None  # [ns] session time at which the stopwatch started
-    watch: Stopwatch = field(default_factory=Stopwatch)
-
-    def wait_until(self, stamp: int) -> bool:
-        """Wait until session time `stamp` [ns] is due; False if asked to end."""
-        if self.rate is not None:
-            if self.origin is None:
-                self.origin, self.watch = stamp, Stopwatch()
-            ahead = (stamp - self.origin) / NANOSECONDS / self.rate - self.watch.seconds
-            if ahead > _TOO_SHORT:
-                self.halt.wait(ahead)
-            elif ahead < -_OVERDUE:
-                self.origin, self.watch = stamp, Stopwatch()
-        return not self.halt.is_set()

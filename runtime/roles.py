@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from runtime import registry
-from runtime.config import Cell
+from runtime.config import Cell, robot_of
 from runtime.errors import PluginError
 from runtime.plugin import Driver
 
@@ -41,7 +41,7 @@ class Assignment:
 def make(role: str, cell: Cell, where: str, options: dict[str, Any]) -> Driver:
     """The plugin that plays a role. What it needs is imported here, in its own process."""
     if role == ARM:
-        return registry.driver(cell.robot, cell.drivers.get(cell.robot, {}), where)
+        return robot_of(cell, where)
     if role == CURTAIN:
         return registry.driver(CURTAIN, cell.drivers.get(CURTAIN, {}), where)
     if role == INTERLOCK:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field, replace
 
-from runtime import registry
 from runtime.bus import Envelope, Publisher
+from runtime.config import strategy_of
 from runtime.context import Context
 from runtime.errors import SessionError
 from runtime.messages import BASE_FRAME, Attempt, Candidate, Outcome, Proposal, SearchGoal, header
@@ -21,7 +21,7 @@ class StrategyHost:
     def run(self, context: Context) -> None:
         """Serve one search after another."""
         cell = context.cell
-        strategy = registry.strategy(cell.strategy, cell.strategies.get(cell.strategy, {}), "cell")
+        strategy = strategy_of(cell, "cell")
         candidates = context.bus.publisher(CANDIDATE)
         context.bus.subscribe(SEARCH_GOAL, ATTEMPT)
         context.ready()

@@ -114,12 +114,16 @@ def convert(log: LogFile, file: Path) -> None:
         scene.flush()
 
 
+def has_display() -> bool:
+    """Whether a window can be opened here."""
+    return not sys.platform.startswith("linux") or bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
+
+
 def check(mode: str, save: Path | None) -> None:
     """Raise InputError, with the way out, if a mode cannot work here."""
     if mode == "save" and save is None:
         raise InputError("mode 'save' needs the path of an .rrd file")
-    headless = sys.platform.startswith("linux") and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
-    if mode == "spawn" and headless:
+    if mode == "spawn" and not has_display():
         raise InputError(
             "there is no display for Rerun's window; use `--rerun web` and a browser, "
             "or `palpate view LOG --rerun save` and open the .rrd file on a machine with a display"

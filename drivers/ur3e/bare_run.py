@@ -9,11 +9,10 @@ import mujoco
 
 from drivers.ur3e.job import attempt_message
 from drivers.ur3e.setup import Setup
-from runtime import registry
 from runtime.assembly import goal_for
 from runtime.belief import belief_about
 from runtime.clock import Stopwatch
-from runtime.config import Cell, redacted_cell
+from runtime.config import Cell, redacted_cell, strategy_of
 from runtime.messages import NANOSECONDS, Attempt, Belief, Outcome, Seat, header
 from runtime.plugin import BareRun
 from runtime.strategy_host import SearchSession
@@ -38,7 +37,7 @@ def bare_run(setup: Setup, cell: Cell) -> BareRun:
     world, skill = setup.build(cell, integrate=physics)
     arm = world.arm
     decide = redacted_cell(cell, "assembly")
-    session = SearchSession(registry.strategy(cell.strategy, cell.strategies.get(cell.strategy, {}), "cell"))
+    session = SearchSession(strategy_of(cell, "cell"))
     seats: list[Seat] = []
     attempts = inserted = search = 0
     watch = Stopwatch()

@@ -16,7 +16,6 @@ from runtime.errors import InputError, SessionError
 from runtime.launcher import Order, launch
 from runtime.messages import Ending
 from runtime.plugin import BareRun
-from runtime.registry import driver
 
 
 def bench_command(arguments: argparse.Namespace) -> int:
@@ -39,7 +38,7 @@ def bench_sim(arguments: argparse.Namespace) -> dict[str, float]:
         overrides["bus"] = {"port": arguments.port}
     cell_file = config.load(arguments.cell, overrides | {"rate": "max"})
     cell = cell_file.cell
-    robot = driver(cell.robot, cell.drivers.get(cell.robot, {}), cell_file.name)
+    robot = config.robot_of(cell, cell_file.name)
     run = getattr(robot, "bare_run", None)
     if run is None:
         raise InputError(f"{cell_file.name}: {cell.robot} is not simulated; there is nothing to measure")

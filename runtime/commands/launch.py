@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import logging
-import os
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -24,6 +23,7 @@ from runtime.launcher import Order, launch
 from runtime.log_file import open_log
 from runtime.messages import NANOSECONDS, Ending
 from runtime.roles import VIEWER
+from runtime.viewer import has_display
 
 Run = Callable[[Order, Callable[[Progress], None]], Session]
 OVERRIDES = ("strategy", "component", "boards", "seed", "rate")
@@ -49,12 +49,11 @@ def launch_command(arguments: argparse.Namespace) -> int:
 
 def viewer_mode(mode: str) -> str | None:
     """Mode of the live viewer; None for none. Raises InputError for a window without a display."""
-    display = bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
     if mode == "auto":
-        mode = "spawn" if display else "off"
+        mode = "spawn" if has_display() else "off"
     if mode == "off":
         return None
-    if mode == "spawn" and not display:
+    if mode == "spawn" and not has_display():
         raise InputError("--rerun spawn needs a display and there is none; choose --rerun web, save or off")
     return mode
 

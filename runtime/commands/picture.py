@@ -7,14 +7,13 @@ from pathlib import Path
 
 from runtime import config
 from runtime.errors import InputError
-from runtime.registry import driver
 
 
 def picture_command(arguments: argparse.Namespace) -> int:
     """Write a PNG."""
     cell_file = config.load(arguments.cell)
     cell = cell_file.cell
-    draw = getattr(driver(cell.robot, cell.drivers.get(cell.robot, {}), cell_file.name), "picture", None)
+    draw = getattr(config.robot_of(cell, cell_file.name), "picture", None)
     if draw is None:
         raise InputError(f"{cell_file.name}: {cell.robot} is not simulated; there is nothing to draw")
     path = Path(arguments.output)
