@@ -14,16 +14,19 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg.lapack import dgesv
 
-from drivers.ur3e.frames import Rotation, Vector
+from drivers.ur3e.compliance import FIXED, Compliance
+from drivers.ur3e.joint_motion import JointBlend, JointMove, JointServo, JointSpeed
 from drivers.ur3e.kinematics import Kinematics, described
-from drivers.ur3e.motion import Compliance, JointMove, Linear, Servo, Speed
+from drivers.ur3e.motion import PathBlend, PathMove, Servo, Speed
+from drivers.ur3e.path import Line, Path, Pose
 from drivers.ur3e.parameters import CYCLE, JOINTS, RESUME_TIME, STOP_DECELERATION
 from runtime.errors import ArmError
 
 Array = NDArray[np.float64]
-Pose = tuple[Vector, Rotation]
-Motion: TypeAlias = JointMove | Linear | Speed | Servo
+JointsMotion: TypeAlias = JointMove | JointBlend | JointSpeed | JointServo
+Motion: TypeAlias = JointsMotion | PathMove | PathBlend | Speed | Servo
 
+_OF_JOINTS = (JointMove, JointBlend, JointSpeed, JointServo)
 _LIMITS = tuple(joint.speed * CYCLE for joint in JOINTS)  # [rad] per cycle
 _REACH = tuple(joint.reach for joint in JOINTS)
 _SINGULAR = 20.0  # times the joints' speed limit: no slow motion explains that
@@ -39,7 +42,9 @@ class Controller:
         self.kinematics = kinematics
         self.q: Array = np.array(q, dtype=float)  # (6,) [rad] commanded
         self.qd = [0.0] * 6  # [rad/s] commanded
+        self.qdd = [0.0] * 6  # [rad/s^2] commanded, when it was last asked to be kept
         self.scaling = 1.0  # of path time
+        self.slider = 1.0  # share of the programmed speed that the operator allows
         self.motion: Motion | None = None
         self.compliance: Compliance | None = None
         self.position, self.rotation = kinematics.forward(self.q)
@@ -55,41 +60,65 @@ class Controller:
         self.kinematics.set_tcp(offset)
         self.position, self.rotation = self.kinematics.forward(self.q)
 
-    def move_joints(self, target: Sequence[float], speed: float, acceleration: float) -> None:
-        """Begin a moveJ. Raises ArmError if a joint would go beyond its limit."""
+    def move_joints(
+        self, target: Sequence[float], speed: float, acceleration: float, duration: float = 0.0, *, blend: bool = False
+    ) -> None:
+        """Begin a moveJ, or run the move under way into it. Raises ArmError if a joint would go beyond its limit."""
         q = np.array(target, dtype=float)
         beyond = [i for i in range(6) if not abs(q[i]) <= JOINTS[i].reach + 1e-9]
         if beyond:
             wrong = ", ".join(f"{JOINTS[i].name} at {math.degrees(q[i]):.1f} deg" for i in beyond)
             raise ArmError(f"beyond the joints' limits: {wrong}")
         speed = min(speed, min(_LIMITS) / CYCLE)
-        self.motion = JointMove(self.q, q, speed, acceleration)
+        before = self.motion
+        if blend and isinstance(before, (JointMove, JointBlend)):
+            self.motion = JointBlend(before, JointMove(before.target, q, speed, acceleration, duration))
+        else:
+            self.motion = JointMove(self.q, q, speed, acceleration, duration)
 
-    def move_linear(self, target: Pose, speed: float, acceleration: float) -> None:
+    def move_linear(self, target: Pose, speed: float, acceleration: float, duration: float = 0.0) -> None:
         """Begin a moveL. Raises ArmError that names the target if it, or the way there, is out of reach."""
-        motion = Linear((self.position, self.rotation), target, speed, acceleration)
-        length = math.dist(self.position, target[0])
-        turn = sum(abs(a - b) for a, b in zip(self.rotation, target[1], strict=True))
-        points = 1 + int(length / _SAMPLE + turn / _SAMPLE_TURN)
+        self.move_along(Line((self.position, self.rotation), target), speed, acceleration, duration)
+
+    def move_along(
+        self, path: Path, speed: float, acceleration: float, duration: float = 0.0, *, blend: bool = False
+    ) -> None:
+        """Follow a path that begins at the commanded pose, or, to blend, where the path under way ends.
+
+        Raises ArmError that names the target if it, or the way there, is out of reach.
+        """
+        points = 1 + int(path.length / _SAMPLE + path.angle / _SAMPLE_TURN)
         near = self.q
         try:
             for index in range(1, points + 1):
-                found = self.kinematics.inverse(*motion.pose(index / points), near)
+                found = self.kinematics.inverse(*path.at(index / points), near)
                 if float(np.abs(found - near).max()) > _LEAP:
                     raise ArmError("a joint would have to turn beyond its limit")
                 near = found
         except ArmError as error:
-            raise ArmError(f"no straight way to {described(*target)}: {error}") from None
+            raise ArmError(f"no straight way to {described(*path.target)}: {error}") from None
         finally:
             self.kinematics.forward(self.q)
-        self.motion = motion
+        move = PathMove(path, speed, acceleration, duration)
+        before = self.motion
+        self.motion = PathBlend(before, move) if blend and isinstance(before, (PathMove, PathBlend)) else move
+
+    @property
+    def corner(self) -> Pose:
+        """Where the motion under way will end, as the start of one that blends with it; else the commanded pose."""
+        return self.motion.path.target if isinstance(self.motion, (PathMove, PathBlend)) else self.commanded
+
+    @property
+    def commanded(self) -> Pose:
+        """Pose of the TCP that is commanded at present."""
+        return self.position, self.rotation
 
     def set_speed(self, twist: Sequence[float], acceleration: float, time: float = 0.0) -> None:
         """Begin or change a speedL; a twist of zeros is a stop."""
         if isinstance(self.motion, Speed):
             self.motion.set(twist, acceleration, time)
         else:
-            self.motion = Speed(self.twist(), twist, acceleration, (self.position, self.rotation), time)
+            self.motion = Speed(self._unscaled(self.twist()), twist, acceleration, self.commanded, time)
 
     def set_servo(self, target: Pose, lookahead: float, gain: float) -> None:
         """Begin or change a servoL."""
@@ -98,14 +127,39 @@ class Controller:
         else:
             self.motion = Servo(target, lookahead, gain)
 
+    def set_joint_speed(self, speeds: Sequence[float], acceleration: float, time: float = 0.0) -> None:
+        """Begin or change a speedJ; speeds (6,) [rad/s] of zeros are a stop."""
+        if isinstance(self.motion, JointSpeed):
+            self.motion.set(speeds, acceleration, time)
+        else:
+            self.motion = JointSpeed(self._unscaled(self.qd), speeds, acceleration, time)
+
+    def set_joint_servo(self, target: Sequence[float], lookahead: float, gain: float) -> None:
+        """Begin or change a servoJ."""
+        if isinstance(self.motion, JointServo):
+            self.motion.set(target, lookahead, gain)
+        else:
+            self.motion = JointServo(target, lookahead, gain)
+
+    def _unscaled(self, speeds: Sequence[float]) -> list[float]:
+        """Speeds in path time, which the scaling slows down."""
+        return [value / self.scaling for value in speeds] if self.scaling > 0 else [0.0] * 6
+
     def comply(self, compliance: Compliance | None) -> None:
         """Begin or end force mode. A motion under way goes on from where the arm has been pushed to."""
-        if isinstance(self.motion, Linear):
-            self.move_linear(self.motion.target, self.motion.speed, self.motion.acceleration)
+        if isinstance(self.motion, (PathMove, PathBlend)):
+            self.move_linear(self.motion.path.target, self.motion.speed, self.motion.acceleration)
         elif isinstance(self.motion, Speed):
             self.motion.slowed(0.0, self.position, self.rotation)
         self.compliance = compliance
-        self._anchor = Speed([0.0] * 6, [0.0] * 6, 1.0, (self.position, self.rotation), 0.0)
+        self._anchor = Speed([0.0] * 6, [0.0] * 6, 1.0, self.commanded, 0.0)
+
+    def follow(self, q: Sequence[float]) -> None:
+        """Take the arm to be commanded where it is: something else moves it."""
+        self.motion = None
+        self.q = np.array(q, dtype=float)
+        self.qd = [0.0] * 6
+        self.position, self.rotation = self.kinematics.forward(self.q)
 
     def halt(self) -> None:
         """Drop every motion and stand."""
@@ -135,8 +189,10 @@ class Controller:
                     self._top_speed = 0.0
             return
         dt = CYCLE * self.scaling
-        if isinstance(motion, JointMove):
-            change: list[float] = (motion.joints(dt) - self.q).tolist()
+        if compliance is not None and compliance.kind != FIXED:
+            compliance.turn(self.position, self.twist())
+        if isinstance(motion, _OF_JOINTS):
+            change: list[float] = (motion.joints(dt, self.q) - self.q).tolist()
             if compliance is not None and wrench is not None:
                 change = self._solve(
                     compliance.blend((self.kinematics.jacobian() @ np.array(change)).tolist(), wrench, dt)
@@ -154,16 +210,16 @@ class Controller:
 
     def _over(self, motion: Motion) -> bool:
         """In force mode a straight line is over when its time is: the compliant axes need not arrive."""
-        return isinstance(motion, Linear) and motion.elapsed
+        return isinstance(motion, (PathMove, PathBlend)) and motion.elapsed
 
     def _scale(self, permitted: bool) -> None:
-        """Path time runs slower the longer motion is not permitted, within what the joints can brake."""
-        if permitted:
-            if self.scaling < 1.0:
-                self.scaling = min(1.0, self.scaling + CYCLE / RESUME_TIME)
-        elif self.scaling > 0.0:
+        """Path time runs as fast as the slider says, or not at all; it slows down within what the joints can brake."""
+        goal = self.slider if permitted else 0.0
+        if self.scaling < goal:
+            self.scaling = min(goal, self.scaling + CYCLE / RESUME_TIME)
+        elif self.scaling > goal:
             allowed = STOP_DECELERATION * CYCLE
-            self.scaling = max(0.0, self.scaling - allowed / self._top_speed) if self._top_speed > allowed else 0.0
+            self.scaling = max(goal, self.scaling - allowed / self._top_speed) if self._top_speed > allowed else goal
 
     def _solve(self, step: Sequence[float]) -> list[float]:
         """Joint displacement (6,) [rad] for one of the TCP."""
@@ -196,5 +252,5 @@ class Controller:
         self.qd = [value / CYCLE for value in change]
         self._top_speed = max(map(abs, self.qd)) / self.scaling
         self.position, self.rotation = self.kinematics.forward(moved)
-        if excess > 1.0 and motion is not None and not isinstance(motion, JointMove):
+        if excess > 1.0 and motion is not None and not isinstance(motion, _OF_JOINTS):
             motion.slowed(dt * (1 - 1 / excess), self.position, self.rotation)

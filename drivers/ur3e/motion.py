@@ -1,4 +1,4 @@
-"""Motions of the TCP and of the joints, as the controller steps through them in path time. Frame: base_link.
+"""Motions of the TCP, as the controller steps through them in path time. Frame: base_link.
 
 Each kind knows where the arm should be one step on; none knows the arm. Path time advances slower than the clock
 while the speed scaling is below 1, which keeps the path.
@@ -10,13 +10,10 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
 from drivers.ur3e import frames
 from drivers.ur3e.frames import Rotation, Vector
+from drivers.ur3e.path import Path, Pose
 
-Array = NDArray[np.float64]
 Step = list[float]  # (6,) displacement of the TCP in one cycle: [m] and rotation vector [rad]
 
 # Assumed: URScript gives movel one speed, in m/s; turning is limited to movej's default speed and acceleration.
@@ -42,6 +39,11 @@ class Trapezoid:
         speed = min(math.sqrt(acceleration), *(speeds[i] / distances[i] for i in moving))
         return Trapezoid(speed, acceleration, 1 / speed + speed / acceleration)
 
+    @staticmethod
+    def lasting(duration: float) -> Trapezoid:
+        """A profile that takes `duration` [s], a third of it to speed up and a third to slow down."""
+        return Trapezoid(1.5 / duration, 4.5 / duration**2, duration)
+
     def progress(self, time: float) -> float:
         """Share of the way done at `time` [s]."""
         if time >= self.duration:
@@ -54,64 +56,98 @@ class Trapezoid:
             return 1 - 0.5 * self.acceleration * left * left
         return self.speed * (time - 0.5 * ramp)
 
-
-class JointMove:
-    """All joints together from one configuration to another (moveJ)."""
-
-    def __init__(self, start: Array, target: Array, speed: float, acceleration: float) -> None:
-        self.start, self.target = start.copy(), target.copy()
-        longest = float(np.abs(target - start).max())
-        self._profile = Trapezoid.over([longest], [speed], [acceleration])
-        self._time = 0.0
-        self.done = False
-
-    def joints(self, dt: float) -> Array:
-        """Joint angles (6,) [rad] after `dt` [s] more of path time."""
-        self._time += dt
-        self.done = self._time >= self._profile.duration
-        return self.start + self._profile.progress(self._time) * (self.target - self.start)
+    def slowing(self, time: float) -> bool:
+        """Whether the speed falls at `time` [s]."""
+        return self.duration - time <= self.speed / self.acceleration
 
 
-class Linear:
-    """The TCP in a straight line, turning evenly, to a pose (moveL)."""
+class PathMove:
+    """The TCP along a path (moveL, moveC, moveP); `duration` [s], if given, instead of speed and acceleration."""
 
-    def __init__(
-        self, start: tuple[Vector, Rotation], target: tuple[Vector, Rotation], speed: float, acceleration: float
-    ) -> None:
-        self.target, self.speed, self.acceleration = target, speed, acceleration
-        self._start, self._rotation = start
-        self._way = tuple(b - a for a, b in zip(start[0], target[0], strict=True))
-        self._turn = frames.vector_of_rotation(frames.product(target[1], frames.transpose(start[1])))
-        angle = math.hypot(*self._turn)
-        self._turns = angle > 1e-9
-        self._profile = Trapezoid.over(
-            [math.hypot(*self._way), angle], [speed, TURN_SPEED], [acceleration, TURN_ACCELERATION]
+    def __init__(self, path: Path, speed: float, acceleration: float, duration: float = 0.0) -> None:
+        self.path, self.speed, self.acceleration = path, speed, acceleration
+        self._profile = (
+            Trapezoid.lasting(duration)
+            if duration > 0
+            else Trapezoid.over([path.length, path.angle], [speed, TURN_SPEED], [acceleration, TURN_ACCELERATION])
         )
         self._time = 0.0
         self.elapsed = False  # the time for the way is over
         self.done = False
 
-    def pose(self, progress: float) -> tuple[Vector, Rotation]:
-        """Pose after a share of the way."""
-        (x, y, z), (dx, dy, dz) = self._start, self._way
-        rotation = self.target[1]
-        if self._turns and progress < 1:
-            rx, ry, rz = self._turn
-            partly = frames.rotation_of_vector((rx * progress, ry * progress, rz * progress))
-            rotation = frames.product(partly, self._rotation)
-        return (x + dx * progress, y + dy * progress, z + dz * progress), rotation
+    def advance(self, dt: float) -> Pose:
+        """Pose `dt` [s] of path time on."""
+        self._time += dt
+        self.elapsed = self._time >= self._profile.duration
+        return self.path.at(self._profile.progress(self._time))
 
     def step(self, dt: float, position: Vector, rotation: Rotation) -> Step:
         """Displacement from the commanded pose to the one `dt` [s] of path time on."""
-        self._time += dt
-        step = _displacement(*self.pose(self._profile.progress(self._time)), position, rotation)
-        self.elapsed = self._time >= self._profile.duration
+        step = displacement(*self.advance(dt), position, rotation)
         self.done = self.elapsed and max(map(abs, step)) < _ARRIVED
         return step
 
     def slowed(self, lost: float, position: Vector, rotation: Rotation) -> None:  # noqa: ARG002
         """The joints could not follow: take back path time [s]."""
         self._time -= lost
+
+    @property
+    def left(self) -> float:
+        """[m] of the way that is left."""
+        return self.path.length * (1.0 - self._profile.progress(self._time))
+
+    @property
+    def slowing(self) -> bool:
+        """Whether the last part of the way has begun, in which the speed falls."""
+        return self._profile.slowing(self._time)
+
+
+class PathBlend:
+    """Two paths run into each other: the second begins while the TCP slows down towards the first one's end.
+
+    The displacement along the second is added to what is left of the first, so the corner is cut within the distance
+    at which the second began. UR's own blends are not published.
+    """
+
+    def __init__(self, first: PathMove | PathBlend, second: PathMove) -> None:
+        self._first, self._second = first, second
+        self.path, self.speed, self.acceleration = second.path, second.speed, second.acceleration
+        self._corner = second.path.at(0.0)
+        self.done = False
+
+    @property
+    def elapsed(self) -> bool:
+        """Whether the time for both ways is over."""
+        return self._first.elapsed and self._second.elapsed
+
+    def advance(self, dt: float) -> Pose:
+        """Pose `dt` [s] of path time on."""
+        (ax, ay, az), before = self._first.advance(dt)
+        (bx, by, bz), after = self._second.advance(dt)
+        (cx, cy, cz), corner = self._corner
+        turned = frames.product(frames.product(after, frames.transpose(corner)), before)
+        return (ax + bx - cx, ay + by - cy, az + bz - cz), turned
+
+    def step(self, dt: float, position: Vector, rotation: Rotation) -> Step:
+        """Displacement from the commanded pose to the one `dt` [s] of path time on."""
+        step = displacement(*self.advance(dt), position, rotation)
+        self.done = self.elapsed and max(map(abs, step)) < _ARRIVED
+        return step
+
+    def slowed(self, lost: float, position: Vector, rotation: Rotation) -> None:
+        """The joints could not follow: take back path time [s]."""
+        self._first.slowed(lost, position, rotation)
+        self._second.slowed(lost, position, rotation)
+
+    @property
+    def left(self) -> float:
+        """[m] of the second way that is left."""
+        return self._second.left
+
+    @property
+    def slowing(self) -> bool:
+        """Whether the second move slows down."""
+        return self._first.elapsed and self._second.slowing
 
 
 class Speed:
@@ -138,10 +174,15 @@ class Speed:
         self._left = time if time > 0 else math.inf
         self._stopping = not any(self._target)
 
+    @property
+    def reached(self) -> bool:
+        """Whether the TCP has the twist that was asked for."""
+        return self.twist == self._target
+
     def step(self, dt: float, position: Vector, rotation: Rotation) -> Step:
         """Displacement from the commanded pose to the one `dt` [s] of path time on."""
         self._left -= dt
-        if self._left <= 0:
+        if self._left < -dt / 2:
             self._target, self._stopping = [0.0] * 6, True
         v = self.twist
         if v != self._target:
@@ -156,7 +197,7 @@ class Speed:
         if v[3] or v[4] or v[5]:
             turned = frames.rotation_of_vector((v[3] * dt, v[4] * dt, v[5] * dt))
             self._rotation = frames.product(turned, self._rotation)
-        return _displacement(self._position, self._rotation, position, rotation)
+        return displacement(self._position, self._rotation, position, rotation)
 
     def slowed(self, lost: float, position: Vector, rotation: Rotation) -> None:  # noqa: ARG002
         """The joints could not follow: go on from where they are."""
@@ -189,50 +230,7 @@ class Servo:
         """The joints could not follow: the lag takes care of it."""
 
 
-class Compliance:
-    """Force mode: selected axes of a task frame give way until they press as asked.
-
-    Admittance for each selected axis: inertia dv/dt = wanted + felt - damping v, solved implicitly. Damping is chosen
-    for the stiffest contact the cell has, about 90 N/mm: a touchdown at 5 mm/s overshoots 5 N by under 1 N.
-    """
-
-    INERTIA = (6.0, 6.0, 6.0, 0.08, 0.08, 0.08)  # [kg], [kg m^2] assumed
-    DAMPING = (600.0, 600.0, 600.0, 8.0, 8.0, 8.0)  # [Ns/m], [Nms/rad] assumed
-
-    def __init__(
-        self, frame: Rotation, selection: Sequence[int], wrench: Sequence[float], limits: Sequence[float]
-    ) -> None:
-        self.frame = frame
-        self.axes = [i for i in range(6) if selection[i]]
-        self.others = [i for i in range(6) if not selection[i]]
-        self.wrench = [float(value) for value in wrench]
-        self.limits = [abs(float(value)) for value in limits]
-        self.speed = [0.0] * 6
-
-    def blend(self, step: Step, felt: Sequence[float], dt: float) -> Step:
-        """The motion's displacement with the selected axes' own in its place; `felt` is the wrench (6,), base_link."""
-        frame = self.frame
-        inside = [*frames.unrotate(frame, step[:3]), *frames.unrotate(frame, step[3:])]
-        force = (*frames.unrotate(frame, felt[:3]), *frames.unrotate(frame, felt[3:]))
-        for i in self.axes:
-            rate = dt / self.INERTIA[i]
-            speed = (self.speed[i] + rate * (self.wrench[i] + force[i])) / (1 + rate * self.DAMPING[i])
-            limit = self.limits[i]
-            self.speed[i] = speed = min(max(speed, -limit), limit)
-            inside[i] = speed * dt
-        return [*frames.rotate(frame, inside[:3]), *frames.rotate(frame, inside[3:])]
-
-    def deviates(self, step: Step) -> bool:
-        """Whether a deviation (6,) of the TCP, base_link, exceeds what the axes that are not compliant allow."""
-        inside = (*frames.unrotate(self.frame, step[:3]), *frames.unrotate(self.frame, step[3:]))
-        return any(abs(inside[i]) > self.limits[i] for i in self.others)
-
-    def freeze(self) -> None:
-        """Stand: nothing of the motion so far goes on."""
-        self.speed = [0.0] * 6
-
-
-def _displacement(position: Vector, rotation: Rotation, here: Vector, now: Rotation) -> Step:
+def displacement(position: Vector, rotation: Rotation, here: Vector, now: Rotation) -> Step:
     """From a pose (`here`, `now`) to another close by; half the cross products of the axes are the sine of the turn."""
     a, b = now, rotation
     return [

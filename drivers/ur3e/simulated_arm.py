@@ -13,10 +13,11 @@ import numpy as np
 
 from drivers.ur3e import frames
 from drivers.ur3e.arm import GRIPPER_PIN, NORMAL, PROTECTIVE_STOP, RUNNING, SAFEGUARD_STOP
+from drivers.ur3e.compliance import Compliance
 from drivers.ur3e.controller import Controller
 from drivers.ur3e.force_torque import ForceTorqueNoise, ForceTorqueSensor
 from drivers.ur3e.kinematics import Kinematics
-from drivers.ur3e.motion import Compliance, Servo, Speed
+from drivers.ur3e.motion import Servo, Speed
 from drivers.ur3e.parameters import (
     CONTACT_THRESHOLD,
     CYCLE_NS,
