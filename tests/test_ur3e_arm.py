@@ -171,8 +171,8 @@ def test_force_mode_yields_along_an_axis_while_a_line_is_followed() -> None:
 
 
 def test_force_mode_of_an_unknown_type_is_refused() -> None:
-    with pytest.raises(ArmError, match=r"type 1 is not known; known: 2"):
-        make().forceMode([0] * 6, [0] * 6, [0] * 6, 1, [1] * 6)
+    with pytest.raises(ArmError, match=r"type 4 is not known; known: 1"):
+        make().forceMode([0] * 6, [0] * 6, [0] * 6, 4, [1] * 6)
 
 
 def test_tool_contact_counts_back_to_the_touch() -> None:

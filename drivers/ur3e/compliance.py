@@ -44,9 +44,7 @@ class Compliance:
         `frame` and `origin` are the task frame; `selection`, `wrench` and `limits` (6,) are those of `Arm.forceMode`.
         """
         if kind not in (POINT, FIXED, MOTION):
-            raise ArmError(
-                f"force mode of type {kind} is not known; known: 1 (towards a point), 2 (fixed), 3 (motion)"
-            )
+            raise ArmError(f"force mode of type {kind} is not known; known: 1 (towards a point), 2 (fixed), 3 (motion)")
         self.kind, self.task, self.origin = kind, frame, origin
         self.frame = frame  # as it is turned at present
         self.axes = [i for i in range(6) if selection[i]]
@@ -112,7 +110,9 @@ class Compliance:
 
 def hand_guided(frame: Rotation, free: Sequence[int]) -> Compliance:
     """Freedrive along the `free` axes (6,) of a frame: the tool goes where it is pushed, and stays where it is left."""
-    guided = Compliance(frame, free, [0.0] * 6, [v if f else math.inf for v, f in zip(_GUIDED_LIMITS, free, strict=True)])
+    guided = Compliance(
+        frame, free, [0.0] * 6, [v if f else math.inf for v, f in zip(_GUIDED_LIMITS, free, strict=True)]
+    )
     guided.damping = tuple(value * _GUIDED_DAMPING for value in DAMPING)  # type: ignore[assignment]
     guided.dead_zone = _GUIDED_DEAD_ZONE
     return guided

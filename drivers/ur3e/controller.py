@@ -18,8 +18,8 @@ from drivers.ur3e.compliance import FIXED, Compliance
 from drivers.ur3e.joint_motion import JointBlend, JointMove, JointServo, JointSpeed
 from drivers.ur3e.kinematics import Kinematics, described
 from drivers.ur3e.motion import PathBlend, PathMove, Servo, Speed
-from drivers.ur3e.path import Line, Path, Pose
 from drivers.ur3e.parameters import CYCLE, JOINTS, RESUME_TIME, STOP_DECELERATION
+from drivers.ur3e.path import Line, Path, Pose
 from runtime.errors import ArmError
 
 Array = NDArray[np.float64]
@@ -42,7 +42,7 @@ class Controller:
         self.kinematics = kinematics
         self.q: Array = np.array(q, dtype=float)  # (6,) [rad] commanded
         self.qd = [0.0] * 6  # [rad/s] commanded
-        self.qdd = [0.0] * 6  # [rad/s^2] commanded, when it was last asked to be kept
+        self._last_qd = self.qd  # one cycle before
         self.scaling = 1.0  # of path time
         self.slider = 1.0  # share of the programmed speed that the operator allows
         self.motion: Motion | None = None
@@ -167,6 +167,11 @@ class Controller:
         self.qd = [0.0] * 6
         self._top_speed = 0.0
 
+    @property
+    def qdd(self) -> list[float]:
+        """Commanded joint accelerations (6,) [rad/s^2] of the last cycle."""
+        return [(now - before) / CYCLE for now, before in zip(self.qd, self._last_qd, strict=True)]
+
     def twist(self) -> list[float]:
         """Twist (6,) [m/s, rad/s] of the commanded motion."""
         twist: list[float] = (self.kinematics.jacobian() @ self.qd).tolist()
@@ -178,6 +183,7 @@ class Controller:
 
         Raises ArmError, with the arm standing, if the motion cannot be followed.
         """
+        self._last_qd = self.qd
         self._scale(permitted)
         motion, compliance = self.motion, self.compliance
         if self.scaling == 0.0 or (motion is None and compliance is None):

@@ -1,14 +1,19 @@
-"""The simulated arm at work: one search after another, as the bus asks for them."""
+"""The arm at work: one search after another, as the bus asks for them. The same on a simulated arm and on a real one.
+
+`SearchService` is what they share; what differs is who puts boards and parts in place, how session time passes while
+there is nothing to do, and what is done after an aborted attempt. `Job` is the simulated arm's.
+"""
 
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
+from collections import deque
 
 from drivers.ur3e.setup import Setup
-from drivers.ur3e.simulated_arm import SimulatedArm
 from drivers.ur3e.simulated_cell import SearchTruth
-from drivers.ur3e.skill import Peck
-from drivers.ur3e.telemetry import Telemetry, pose_of, wrench_of
+from drivers.ur3e.skill import InsertionSkill, Peck
+from drivers.ur3e.telemetry import ObservedArm, Telemetry, pose_of, wrench_of
 from runtime import topics
 from runtime.bus import Envelope
 from runtime.cell import Hole
@@ -24,19 +29,50 @@ class _Stopped(Exception):  # noqa: N818 - no error: the cell is closing and the
     """The cell closes, and the arm has come to rest."""
 
 
-class Job:
-    """Owns the simulated cell and serves searches on it."""
+class SearchService(ABC):
+    """Serves searches with an arm and a skill on it, until the cell closes."""
 
-    def __init__(self, setup: Setup, context: Context) -> None:
-        cell = context.cell
-        bus = context.bus
+    _arm: ObservedArm
+    _skill: InsertionSkill
+
+    def __init__(self, context: Context) -> None:
         self._context = context
-        self._attempts = bus.publisher(topics.ATTEMPT)
-        self._truths = bus.publisher(topics.TRUTH)
-        self._gate = PermitGate(context, bus.publisher(topics.CLOCK), Pacer(parse_rate(cell.rate)))
+        self._attempts = context.bus.publisher(topics.ATTEMPT)
         self._telemetry = Telemetry(context)
-        bus.subscribe(topics.SESSION, topics.PERMIT, topics.SEARCH_GOAL, topics.CANDIDATE)
-        self._cell, self._skill = setup.build(cell, gate=self._gate, observe=self._after_cycle)
+        context.bus.subscribe(topics.SESSION, topics.PERMIT, topics.SEARCH_GOAL, topics.CANDIDATE)
+
+    @property
+    @abstractmethod
+    def _waiting(self) -> deque[Envelope]:
+        """What has arrived and nobody has asked for yet."""
+
+    @abstractmethod
+    def _wait_for_arrival(self) -> None:
+        """Let something arrive; returns all the same now and then, to see whether the cell closes."""
+
+    @abstractmethod
+    def _wait_for_first_permit(self) -> None:
+        """Session time begins; wait until motion is permitted, or the cell closes."""
+
+    @abstractmethod
+    def _halted(self) -> bool:
+        """Whether the plugin is to end, or must, and the arm stands still."""
+
+    @abstractmethod
+    def _check(self) -> None:
+        """Raise SessionError if it is the interlock that ended the session."""
+
+    @abstractmethod
+    def _present(self, goal: SearchGoal) -> None:
+        """Have board, hole and part of a search put in place, with the arm out of the way of a fresh board."""
+
+    @abstractmethod
+    def _has_part(self) -> bool:
+        """Whether the gripper has a part, as far as that can be known."""
+
+    @abstractmethod
+    def _recover(self, peck: Peck) -> None:
+        """Make the arm able to go on after an aborted attempt. Raises ArmError where that is not safe."""
 
     def run(self) -> None:
         """Serve searches until the cell closes. Raises SessionError if the arm cannot go on; it is halted by then."""
@@ -48,16 +84,19 @@ class Job:
         except _Stopped:
             self._context.log("the arm is halted")
         except ArmError as error:
-            raise SessionError(f"{error}; the arm is halted") from error
+            raise SessionError(self._last_words(error)) from error
         finally:
-            self._telemetry.publish_trace(self._cell.arm)
+            self._telemetry.publish_trace()
 
-    def _after_cycle(self, arm: SimulatedArm) -> None:
+    def _last_words(self, error: ArmError) -> str:
+        return f"{error}; the arm is halted"
+
+    def _after_cycle(self, arm: ObservedArm) -> None:
         self._telemetry(arm)
-        if (self._context.stopping or self._gate.lost) and arm.getSpeedScaling() == 0.0:
+        if self._halted():
             self._telemetry.activity = "halted"
             self._telemetry.publish_status(arm)
-            self._gate.check()
+            self._check()
             raise _Stopped
 
     def _wait_for_cell(self) -> bool:
@@ -68,19 +107,19 @@ class Job:
             if item.read(topics.SESSION).phase == Phase.STARTING:
                 break
         self._telemetry.describe()
-        self._telemetry.publish_state(self._cell.arm)
-        self._gate.wait_for_first_permit()
+        self._telemetry.publish_state(self._arm)
+        self._wait_for_first_permit()
         return not self._context.stopping
 
     def _next(self, topic: Topic[MessageT]) -> MessageT | None:
-        """The next message of a topic, waiting for it while session time stands still. None if the cell closes."""
-        gate = self._gate
+        """The next message of a topic, waiting for it. None if the cell closes."""
+        waiting = self._waiting
         while not self._context.stopping:
-            for item in gate.waiting:
+            for item in waiting:
                 if item.topic == topic.name:
-                    gate.waiting.remove(item)
+                    waiting.remove(item)
                     return item.read(topic)
-            gate.wait_for_arrival()
+            self._wait_for_arrival()
         return None
 
     def _serve_search(self) -> bool:
@@ -88,14 +127,10 @@ class Job:
         goal = self._next(topics.SEARCH_GOAL)
         if goal is None:
             return False
-        truth = self._cell.begin_search(goal.search, goal.board, goal.hole)
-        if self._cell.board_changed:
-            self._do("home")
-            self._skill.home()
-        self._truths.send(_truth_message(truth, self._cell.arm.time), self._cell.arm.time)
+        self._present(goal)
         self._do("pick")
         self._skill.pick()
-        if not self._cell.arm.holding:
+        if not self._has_part():
             raise ArmError("the gripper closed on nothing at the feeder")
         self._telemetry.holding = goal.component
         hole = self._context.cell.board.hole(goal.hole)
@@ -109,7 +144,7 @@ class Job:
                 continue
             self._telemetry.holding = ""
             self._do("idle")
-            self._telemetry.publish_status(self._cell.arm)
+            self._telemetry.publish_status(self._arm)
             return True
         return False
 
@@ -117,15 +152,60 @@ class Job:
         """Peck at a candidate, let go of the part if it is seated, tell what was felt. Whether it is seated."""
         self._do(f"board {goal.board} hole {goal.hole}: attempt {candidate.number}")
         peck = self._skill.peck(hole, candidate.proposal.x, candidate.proposal.y)
-        ended = self._cell.arm.time
+        ended = self._arm.time
         if peck.outcome is Outcome.SEATED:
             self._do("release")
             self._skill.release()
-        self._attempts.send(attempt_message(goal, candidate, peck, ended), self._cell.arm.time)
+        self._attempts.send(attempt_message(goal, candidate, peck, ended), self._arm.time)
+        if peck.outcome is Outcome.ABORTED:
+            self._recover(peck)
         return peck.outcome is Outcome.SEATED
 
     def _do(self, activity: str) -> None:
         self._telemetry.activity = activity
+
+
+class Job(SearchService):
+    """Serves searches on a simulated cell, whose truth it publishes."""
+
+    def __init__(self, setup: Setup, context: Context) -> None:
+        super().__init__(context)
+        cell, bus = context.cell, context.bus
+        self._truths = bus.publisher(topics.TRUTH)
+        self._gate = PermitGate(context, bus.publisher(topics.CLOCK), Pacer(parse_rate(cell.rate)))
+        self._cell, self._skill = setup.build(cell, gate=self._gate, observe=self._after_cycle)
+        self._arm = self._cell.arm
+
+    @property
+    def _waiting(self) -> deque[Envelope]:
+        return self._gate.waiting
+
+    def _wait_for_arrival(self) -> None:
+        self._gate.wait_for_arrival()
+
+    def _wait_for_first_permit(self) -> None:
+        self._gate.wait_for_first_permit()
+
+    def _halted(self) -> bool:
+        return (self._context.stopping or self._gate.lost) and self._arm.getSpeedScaling() == 0.0
+
+    def _check(self) -> None:
+        self._gate.check()
+
+    def _present(self, goal: SearchGoal) -> None:
+        truth = self._cell.begin_search(goal.search, goal.board, goal.hole)
+        if self._cell.board_changed:
+            self._do("home")
+            self._skill.home()
+        self._truths.send(_truth_message(truth, self._arm.time), self._arm.time)
+
+    def _has_part(self) -> bool:
+        return self._cell.arm.holding
+
+    def _recover(self, peck: Peck) -> None:
+        """A motion that the simulated arm refused leaves it where it was, able to go on; a protective stop ends the
+        session with the next motion.
+        """
 
 
 def attempt_message(goal: SearchGoal, candidate: Candidate, peck: Peck, ended: int) -> Attempt:

@@ -13,14 +13,14 @@ pin and box is enough: several (multiccd) move the boundary by under 3 um and do
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
 import mujoco
 
 from drivers.ur3e.frames import Quaternion, Vector
-from drivers.ur3e.parameters import CYCLE, GRIPPER
+from drivers.ur3e.parameters import CYCLE, GRIPPER, JOINTS
 from drivers.ur3e.robot_model import mjcf_actuators, mjcf_arm, mjcf_materials, numbers
 from drivers.ur3e.workcell import Workcell
 from runtime.cell import Board
@@ -317,11 +317,33 @@ class Scene:
         self._inertia = {body: self.model.body_inertia[body].copy() for body in (self._part, self._pins)}
         self._touch = [self.model.geom(f"touch{index}").id for index in range(len(component.pins))]
         self._give = [self.model.joint(name).id for name in ("give_x", "give_y")]
+        first = int(self.model.joint(JOINTS[0].name).dofadr[0])
+        self._dofs = slice(first, first + len(JOINTS))
+        self._servos = (self.model.actuator_gainprm.copy(), self.model.actuator_biasprm.copy())
+        self._gripper = self.model.body("gripper").id
         self._hold(False)
 
     def step(self) -> None:
         """Let one control cycle pass."""
         self._integrate(self.model, self.data, self._substeps)
+
+    def drive(self, torque: Sequence[float] | None) -> None:
+        """Give the joints torques (6,) [Nm] in place of their servos; None gives them back to the servos.
+
+        Gravity is balanced either way, and so is the joints' own friction.
+        """
+        model, data = self.model, self.data
+        if torque is None:
+            model.actuator_gainprm[:], model.actuator_biasprm[:] = self._servos
+            data.qfrc_applied[self._dofs] = 0.0
+            return
+        model.actuator_gainprm[:] = 0.0
+        model.actuator_biasprm[:] = 0.0
+        data.qfrc_applied[self._dofs] = torque
+
+    def push(self, wrench: Sequence[float]) -> None:
+        """Let the surroundings push at the gripper: force (3,) [N] and torque (3,) [Nm] in base_link, until changed."""
+        self.data.xfrc_applied[self._gripper] = wrench
 
     def place_holes(self, x: float, y: float, yaw: float) -> None:
         """Put the hole pattern that can be touched at (x, y) [m] in base_link, turned by `yaw` [rad]."""

@@ -13,10 +13,11 @@ import numpy as np
 
 from drivers.ur3e import frames
 from drivers.ur3e.arm import GRIPPER_PIN, NORMAL, PROTECTIVE_STOP, RUNNING, SAFEGUARD_STOP
-from drivers.ur3e.compliance import Compliance
+from drivers.ur3e.compliance import DEFAULT_DAMPING, DEFAULT_GAIN, Compliance
 from drivers.ur3e.controller import Controller
 from drivers.ur3e.force_torque import ForceTorqueNoise, ForceTorqueSensor
-from drivers.ur3e.kinematics import Kinematics
+from drivers.ur3e.inverse import flange, nearest
+from drivers.ur3e.kinematics import Kinematics, described
 from drivers.ur3e.motion import Servo, Speed
 from drivers.ur3e.parameters import (
     CONTACT_THRESHOLD,
@@ -64,11 +65,15 @@ class SimulatedArm:
         self.time = 0  # [ns] of the session
         self.safety_mode = NORMAL
         self.stop_reason = ""  # why the last protective stop happened
+        self.held = False  # the program is paused: motion is braked along its path, without a safety stop
+        self.payload: tuple[float, tuple[float, ...]] = (0.0, (0.0, 0.0, 0.0))  # [kg], centre (3,) [m], as told
+        self.torque: list[float] | None = None  # (6,) [Nm] in place of the servos, gravity apart
+        self._damping, self._gain = DEFAULT_DAMPING, DEFAULT_GAIN  # of force mode
         self._gate = gate or _always
         self._observe = observe
         self.controller = Controller(Kinematics(), scene.workcell.home)
         self.sensor = ForceTorqueSensor(seed, noise)
-        self.sensor.set_payload(GRIPPER.mass, GRIPPER.centre_of_mass)
+        self.setPayload(GRIPPER.mass, GRIPPER.centre_of_mass)
         self._actual = Kinematics()
         self._tool_turn: frames.Rotation | None = None  # from the TCP's frame to the tool's, if they differ
         self._history: deque[tuple[float, ...]] = deque(maxlen=_HISTORY)
@@ -77,7 +82,7 @@ class SimulatedArm:
         joints = [model.joint(joint.name) for joint in JOINTS]
         first, dof = int(joints[0].qposadr[0]), int(joints[0].dofadr[0])
         self._q, self._qd = data.qpos[first : first + 6], data.qvel[dof : dof + 6]
-        self._torque = data.qfrc_actuator[dof : dof + 6]
+        self._torque, self._applied = data.qfrc_actuator[dof : dof + 6], data.qfrc_applied[dof : dof + 6]
         self._target_q, self._target_qd = data.ctrl[0::2], data.ctrl[1::2]
         self._reading = data.sensordata
         self._q[:] = self._target_q[:] = self.controller.q
@@ -106,6 +111,11 @@ class SimulatedArm:
         return self._wrench
 
     @property
+    def tcp_offset(self) -> tuple[float, ...]:
+        """Pose (6,) of the TCP in the flange's frame, UR's."""
+        return self.controller.kinematics.tcp_offset
+
+    @property
     def holding(self) -> bool:
         """Whether a part is in the gripper."""
         return self.scene.holding
@@ -120,8 +130,10 @@ class SimulatedArm:
         controller = self.controller
         if self.safety_mode != PROTECTIVE_STOP:
             self.safety_mode = NORMAL if permitted else SAFEGUARD_STOP
+            if self.torque is not None:
+                self._drive(permitted)
             compliance = controller.compliance
-            controller.step(permitted, None if compliance is None else self.wrench)
+            controller.step(permitted and not self.held, None if compliance is None else self.wrench)
             self._target_q[:] = controller.q
             self._target_qd[:] = controller.qd
         scene = self.scene
@@ -136,13 +148,34 @@ class SimulatedArm:
         if self._observe is not None:
             self._observe(self)
 
+    def _drive(self, permitted: bool) -> None:
+        """The servos give way to torques; without permission, or at a pause, they take hold of the arm again."""
+        if permitted and not self.held:
+            self.controller.follow(self._q)
+            self.scene.drive(self.torque)
+        else:
+            self.end_torque()
+
+    def end_torque(self) -> None:
+        """Let the servos take over from torques, where the arm is."""
+        if self.torque is not None:
+            self.torque = None
+            self.scene.drive(None)
+            self.controller.follow(self._q)
+
     def _guard(self, wrench: Sequence[float]) -> None:
-        """Protective stops: too much force, or force mode pushed off its path."""
+        """Protective stops: too much force, a joint too fast or too far, or force mode pushed off its path."""
         x, y, z = wrench[0], wrench[1], wrench[2]
         if x * x + y * y + z * z > FORCE_LIMIT * FORCE_LIMIT:
             self.protective_stop(f"the force at the wrist exceeds {FORCE_LIMIT:.0f} N")
             return
         controller = self.controller
+        if self.torque is not None:
+            for joint, angle, speed in zip(JOINTS, self._q.tolist(), self._qd.tolist(), strict=True):
+                if abs(speed) > joint.speed:
+                    self.protective_stop(f"{joint.name} exceeds its speed limit")
+                elif abs(angle) > joint.reach:
+                    self.protective_stop(f"{joint.name} exceeds its position limit")
         if controller.compliance is not None:
             (x, y, z), rotation = self.pose
             a, b, c = controller.position
@@ -152,7 +185,9 @@ class SimulatedArm:
 
     def protective_stop(self, reason: str) -> None:
         """Stop at once, category 0, and stay so until `unlockProtectiveStop`."""
+        self.end_torque()
         self.controller.halt()
+        self._target_q[:] = self.controller.q
         self._target_qd[:] = 0.0
         self.safety_mode, self.stop_reason, self._stopped_at = PROTECTIVE_STOP, reason, self.time
 
@@ -250,18 +285,28 @@ class SimulatedArm:
         type: int,  # noqa: A002
         limits: Sequence[float],
     ) -> bool:
-        """See `Arm`. Of the three types only 2, a task frame that is not transformed, is known here."""
-        if type != 2:
-            raise ArmError(f"force mode of type {type} is not known; known: 2, the task frame as it is")
+        """See `Arm`."""
         if self.safety_mode == PROTECTIVE_STOP:
             return False
-        _, frame = frames.ros_pose(task_frame)
+        origin, frame = frames.ros_pose(task_frame)
         now = self.controller.compliance
-        compliance = Compliance(frame, selection_vector, wrench, limits)
-        if now is None or now.frame != compliance.frame or now.axes != compliance.axes:
+        compliance = Compliance(frame, selection_vector, wrench, limits, type, origin)
+        if now is None or not now.same_axes(compliance):
+            compliance.tune(self._damping, self._gain)
             self.controller.comply(compliance)
         else:
             now.wrench, now.limits = compliance.wrench, compliance.limits
+            now.tune(self._damping, self._gain)
+        return True
+
+    def forceModeSetDamping(self, damping: float) -> bool:
+        """How much force mode is damped, 0..1; takes effect with the next `forceMode`."""
+        self._damping = min(max(damping, 0.0), 1.0)
+        return True
+
+    def forceModeSetGainScaling(self, scaling: float) -> bool:
+        """How eagerly force mode answers, 0..2; takes effect with the next `forceMode`."""
+        self._gain = min(max(scaling, 0.0), 2.0)
         return True
 
     def forceModeStop(self) -> bool:
@@ -304,7 +349,8 @@ class SimulatedArm:
 
     def setPayload(self, mass: float, cog: Sequence[float]) -> bool:
         """See `Arm`."""
-        self.sensor.set_payload(mass, cog)
+        self.payload = (float(mass), tuple(float(value) for value in cog))
+        self.sensor.set_payload(*self.payload)
         return True
 
     def setToolDigitalOut(self, output_id: int, signal_level: bool) -> bool:
@@ -368,6 +414,10 @@ class SimulatedArm:
         self._actual.forward(self._q)
         return frames.turn_base_wrench((self._actual.jacobian() @ self._qd).tolist())
 
+    def getTargetTCPSpeed(self) -> list[float]:
+        """Commanded twist (6,) [m/s, rad/s] of the TCP."""
+        return frames.turn_base_wrench(self.controller.twist())
+
     def getActualTCPForce(self) -> list[float]:
         """See `Arm`."""
         return frames.turn_base_wrench(self.wrench)
@@ -378,7 +428,7 @@ class SimulatedArm:
 
     def getJointTorques(self) -> list[float]:
         """See `Arm`."""
-        torque: list[float] = self._torque.tolist()
+        torque: list[float] = (self._torque + self._applied).tolist()
         return torque
 
     def getSafetyMode(self) -> int:
@@ -399,10 +449,14 @@ class SimulatedArm:
 
     def getInverseKinematics(self, x: Sequence[float], qnear: Sequence[float] | None = None) -> list[float]:
         """See `Arm`."""
-        near = self._q.copy() if qnear is None else np.array(qnear, dtype=float)
-        q: list[float] = self._actual.inverse(*frames.ros_pose(x), near).tolist()
-        self._pose_time = -1
-        return q
+        position, rotation = frames.ros_pose(x)
+        offset = self.tcp_offset
+        tool = flange(position, rotation, offset[:3], frames.rotation_of_vector(offset[3:]))
+        near = self._q.tolist() if qnear is None else qnear
+        q = nearest(frames.turn_base(tool[0]), frames.turn_base_rotation(tool[1]), near)
+        if q is None:
+            raise ArmError(f"out of reach: {described(position, rotation)}")
+        return list(q)
 
     def getForwardKinematics(
         self, q: Sequence[float] | None = None, tcp_offset: Sequence[float] | None = None

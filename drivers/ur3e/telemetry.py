@@ -5,13 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Protocol
 
 import numpy as np
 
 from drivers.ur3e import frames
+from drivers.ur3e.arm import Arm
 from drivers.ur3e.parameters import CYCLE, CYCLE_NS, JOINT_NAMES, JOINTS, Triple
 from drivers.ur3e.robot_model import quaternion_of_rpy, urdf
-from drivers.ur3e.simulated_arm import SimulatedArm
 from runtime import topics
 from runtime.bus import Publisher
 from runtime.context import Context
@@ -66,6 +67,39 @@ def _transform(parent: Header, child: str, origin: Triple, rotation: Quaternion)
     )
 
 
+class WristSensor(Protocol):
+    """The force-torque sensor in the wrist."""
+
+    @property
+    def wrench(self) -> Sequence[float]:
+        """Wrench (6,) [N, Nm] on the tool from outside at the flange, tool frame: payload and zero corrected."""
+        ...
+
+
+class ObservedArm(Arm, Protocol):
+    """An arm in a session, as its telemetry sees it."""
+
+    @property
+    def time(self) -> int:
+        """Session time [ns] of the last control cycle."""
+        ...
+
+    @property
+    def pose(self) -> tuple[frames.Vector, frames.Rotation]:
+        """Position [m] and rotation of the TCP in base_link, measured."""
+        ...
+
+    @property
+    def safety_mode(self) -> int:
+        """As `getSafetyMode`."""
+        ...
+
+    @property
+    def sensor(self) -> WristSensor:
+        """The force-torque sensor in the wrist."""
+        ...
+
+
 @dataclass
 class Telemetry:
     """Publishes the state of the arm. Declare it before the plugin is ready."""
@@ -74,6 +108,7 @@ class Telemetry:
     activity: str = "starting"
     holding: str = ""
     _cycles: int = 0
+    _traced: int = 0  # [ns] the last cycle in the trace
     _last_status: tuple[object, ...] = ()
     _joints: Publisher[JointState] = field(init=False)
     _wrench: Publisher[WrenchStamped] = field(init=False)
@@ -132,22 +167,25 @@ class Telemetry:
         self._tf_static.send(TFMessage(transforms=transforms), 0)
         self._description.send(String(data=urdf()), 0)
 
-    def __call__(self, arm: SimulatedArm) -> None:
+    def __call__(self, arm: ObservedArm) -> None:
         """After every control cycle."""
-        status = (arm.safety_mode, self.activity, self.holding, arm.controller.scaling in (0.0, 1.0))
+        status = (arm.safety_mode, self.activity, self.holding, arm.getSpeedScaling() in (0.0, 1.0))
         if status != self._last_status:
             self._last_status = status
             self.publish_status(arm)
         self._cycles += 1
+        if arm.time - self._traced != CYCLE_NS:  # cycles that never arrived: a message of the trace has no gaps
+            self.publish_trace()
+        self._traced = arm.time
         self._positions += arm.getActualQ()
         self._targets += arm.getTargetQ()
         self._wrenches += arm.sensor.wrench
         if self._cycles % _CYCLES == 0:
             self.publish_state(arm)
         if self._cycles % _TRACE_CYCLES == 0:
-            self.publish_trace(arm)
+            self.publish_trace()
 
-    def publish_status(self, arm: SimulatedArm) -> None:
+    def publish_status(self, arm: ObservedArm) -> None:
         """Mode and activity."""
         now = arm.time
         self._status.send(
@@ -157,7 +195,7 @@ class Telemetry:
             now,
         )
 
-    def publish_state(self, arm: SimulatedArm) -> None:
+    def publish_state(self, arm: ObservedArm) -> None:
         """Joints, wrench, TCP and link poses."""
         now = arm.time
         self._stamp.sec, self._stamp.nanosec = divmod(now, NANOSECONDS)
@@ -176,20 +214,20 @@ class Telemetry:
             transform.transform.rotation = _turned(origin, angle)
         self._tf.send(self._links, now)
 
-    def publish_trace(self, arm: SimulatedArm) -> None:
+    def publish_trace(self) -> None:
         """Every control cycle since the last trace."""
         cycles = len(self._positions) // 6
         if cycles == 0:
             return
         self._trace.send(
             ControlTrace(
-                header(arm.time - (cycles - 1) * CYCLE_NS, "tool0"),
+                header(self._traced - (cycles - 1) * CYCLE_NS, "tool0"),
                 CYCLE,
                 np.array(self._positions),
                 np.array(self._targets),
                 np.array(self._wrenches),
             ),
-            arm.time,
+            self._traced,
         )
         for rows in (self._positions, self._targets, self._wrenches):
             rows.clear()
