@@ -1,4 +1,4 @@
-"""The command line: palpate launch | replay | view | plugins | picture | bench.
+"""The command line: palpate launch | robot | replay | view | plugins | picture | bench.
 
 Only the standard library is imported here; each command imports what it needs.
 Exit codes: 0 done, 1 the job failed, 2 the input is wrong, 130 interrupted.
@@ -25,6 +25,7 @@ EXAMPLES = {
 examples:
   palpate launch                                  nine IGBTs into one board, meta search, simulated UR3e
   palpate launch --strategy spiral --boards 3     another strategy, three boards
+  palpate robot                                   a simulated UR3e that any UR client can connect to
   palpate view logs/20261122-151233.mcap          look at a session in Rerun""",
     "launch": """\
 examples:
@@ -34,6 +35,15 @@ examples:
   palpate launch my-cell.toml --rate 1.0 --rerun spawn   your own cell, in real time, watched live
 
 The log goes to logs/<session>.mcap; what was learnt stays in logs/posterior.sqlite3.""",
+    "robot": """\
+examples:
+  palpate robot                                     a UR3e over a board of IGBTs, on 127.0.0.1
+  palpate robot --scene empty --rerun web           an arm alone, watched in a browser
+  palpate robot --scene my-cell.toml --seed 7 --polyscope 5.26
+
+Any program written for a UR runs against it, such as ur-rtde's RTDEControlInterface("127.0.0.1").
+The ports are UR's own: 29999 dashboard, 30001-30003 scripts, 30004 RTDE.
+What is typed works the operator's panel (`help` lists it): estop, safeguard, input, push, ...""",
     "replay": """\
 examples:
   palpate replay logs/20261122-151233.mcap                    publish it again with the recorded timing
@@ -100,6 +110,27 @@ def _parser() -> argparse.ArgumentParser:
         action="store_true",
         help="run all plugins as threads of this process, without Zenoh, where a debugger reaches them",
     )
+
+    robot = _make(commands, "robot", "serve a simulated UR3e on a UR controller's network ports, in real time")
+    robot.add_argument(
+        "--scene",
+        default="igbt",
+        metavar="CELL",
+        help="igbt, capacitor, empty (an arm alone) or a cell file (default: igbt)",
+    )
+    robot.add_argument("--host", default="127.0.0.1", metavar="IP", help="address to listen on (default: 127.0.0.1)")
+    robot.add_argument("--seed", type=int, metavar="S", help="of the simulated world, instead of the cell's own")
+    robot.add_argument(
+        "--polyscope", default="5.22", metavar="VERSION", help="version to report, 5.10 to 5.26 (default: 5.22)"
+    )
+    robot.add_argument("--programs", metavar="DIR", help="folder of .script files that the dashboard can load")
+    robot.add_argument(
+        "--rerun",
+        choices=("auto", "spawn", "web", "save", "off"),
+        default="auto",
+        help="follow the arm in Rerun: in a window, in a browser, or saved to robot.rrd; auto: a window if possible",
+    )
+    robot.add_argument("--port", type=int, metavar="PORT", help="of the viewer's Zenoh router (default: 7447)")
 
     replay = _make(commands, "replay", "publish a recorded session on Zenoh again, with its timing")
     replay.add_argument("log", metavar="LOG", help="an .mcap file")
@@ -183,6 +214,12 @@ def _launch(arguments: argparse.Namespace) -> int:
     return launch_command(arguments)
 
 
+def _robot(arguments: argparse.Namespace) -> int:
+    from runtime.commands.robot import robot_command
+
+    return robot_command(arguments)
+
+
 def _replay(arguments: argparse.Namespace) -> int:
     from runtime.commands.replay import replay_command
 
@@ -215,6 +252,7 @@ def _bench(arguments: argparse.Namespace) -> int:
 
 COMMANDS: dict[str, Command] = {
     "launch": _launch,
+    "robot": _robot,
     "replay": _replay,
     "view": _view,
     "plugins": _plugins,

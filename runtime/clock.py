@@ -65,6 +65,34 @@ class Pacer:
         return not self.halt.is_set()
 
 
+@dataclass
+class Metronome:
+    """Beats with a fixed period of machine time, for a loop that has to keep it."""
+
+    period: float  # [s]
+    _due: float | None = None  # [s] machine time of the next beat
+
+    def wait(self) -> float:
+        """Wait for the next beat; tells by how much [s] the loop was late for it, 0 if it was in time.
+
+        A loop that is a little late catches up; one that stood still for long goes on from now.
+        """
+        now = time.perf_counter()
+        due = now if self._due is None else self._due
+        self._due = due + self.period
+        if due > now:
+            time.sleep(due - now)
+            return 0.0
+        if now - due > _OVERDUE:
+            self._due = now + self.period
+        return now - due
+
+    @property
+    def left(self) -> float:
+        """[s] until the next beat."""
+        return 0.0 if self._due is None else self._due - time.perf_counter()
+
+
 @dataclass(frozen=True)
 class Stopwatch:
     """Machine time since creation, for what is reported and never decided on."""

@@ -24,6 +24,7 @@ DEFAULT_GAIN = 1.0  # force_mode_set_gain_scaling, URScript manual
 _GUIDED_DAMPING = 0.1  # assumed: of a hand-guided arm against force mode
 _GUIDED_DEAD_ZONE = (6.0, 6.0, 6.0, 0.4, 0.4, 0.4)  # [N], [Nm] assumed: below the joints' friction nothing moves
 _GUIDED_LIMITS = (0.5, 0.5, 0.5, 1.5, 1.5, 1.5)  # [m/s], [rad/s] assumed
+_PARALLEL = 1e-3  # sine of an angle
 _STANDS = 1e-4  # [m/s] below which a motion has no direction
 
 
@@ -76,10 +77,10 @@ class Compliance:
             y = tuple(b - a for a, b in zip(position, self.origin, strict=True))
             self.frame = _with_y(y, self.task) or self.frame
         elif self.kind == MOTION:
-            x, y, _ = frames.unrotate(self.task, twist[:3])
-            speed = math.hypot(x, y)
+            ahead, across, _ = frames.unrotate(self.task, twist[:3])
+            speed = math.hypot(ahead, across)
             if speed > _STANDS:
-                c, s = x / speed, y / speed
+                c, s = ahead / speed, across / speed
                 self.frame = frames.product(self.task, (c, -s, 0.0, s, c, 0.0, 0.0, 0.0, 1.0))
 
     def blend(self, step: Step, felt: Sequence[float], dt: float) -> Step:
@@ -124,12 +125,13 @@ def _with_y(towards: Sequence[float], task: Rotation) -> Rotation | None:
     if length < 1e-9:
         return None
     y = [value / length for value in towards]
-    x = [task[0], task[3], task[6]]
-    along = sum(a * b for a, b in zip(x, y, strict=True))
-    x = [a - along * b for a, b in zip(x, y, strict=True)]
-    size = math.hypot(*x)
-    if size < 1e-6:
-        return None
+    for axis in (0, 2):  # the task frame's z where its x is the very direction
+        x = [task[axis], task[axis + 3], task[axis + 6]]
+        along = sum(a * b for a, b in zip(x, y, strict=True))
+        x = [a - along * b for a, b in zip(x, y, strict=True)]
+        size = math.hypot(*x)
+        if size > _PARALLEL:
+            break
     x = [value / size for value in x]
     z = [x[1] * y[2] - x[2] * y[1], x[2] * y[0] - x[0] * y[2], x[0] * y[1] - x[1] * y[0]]
     return (x[0], y[0], z[0], x[1], y[1], z[1], x[2], y[2], z[2])

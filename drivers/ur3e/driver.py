@@ -26,6 +26,7 @@ class MujocoUr3e:
     skill: SkillSettings = field(default_factory=SkillSettings)
 
     simulated: ClassVar[bool] = True
+    controller: ClassVar[str] = "drivers.ur3e.control_box.process"  # serves the arm on a UR controller's ports
 
     def check(self, cell: Cell, where: str) -> None:
         """Raise CellError if the arm cannot reach a hole, the feeder or the reject bin."""
@@ -39,21 +40,22 @@ class MujocoUr3e:
         """The cell's job without bus, log and other plugins, to measure what those cost."""
         from drivers.ur3e.bare_run import bare_run
 
-        return bare_run(self._setup(), cell)
+        return bare_run(self.setup(), cell)
 
     def picture(self, cell: Cell, path: Path) -> None:
         """Write a PNG of the cell with a part in the gripper. Raises InputError where nothing can be drawn."""
         from drivers.ur3e.portrait import portrait
 
-        portrait(self._setup(), cell, path)
+        portrait(self.setup(), cell, path)
 
     def run(self, context: Context) -> None:
         """Serve searches until the cell closes; the arm is halted when this returns."""
         from drivers.ur3e.job import Job
 
-        Job(self._setup(), context).run()
+        Job(self.setup(), context).run()
 
-    def _setup(self) -> Setup:
+    def setup(self) -> Setup:
+        """The simulation and the skill as the settings describe them."""
         from drivers.ur3e.setup import Setup
 
         return Setup(self.fidelity, self.workcell, self.skill)

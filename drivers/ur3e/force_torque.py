@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
-from drivers.ur3e.frames import Rotation, Vector
+from drivers.ur3e.frames import Rotation, Vector, unrotate
 from drivers.ur3e.parameters import CYCLE, GRAVITY
 
 _BLOCK = 4096  # cycles of noise drawn at once
@@ -45,6 +45,8 @@ class ForceTorqueSensor:
         self._mass = 0.0
         self._centre: Vector = (0.0, 0.0, 0.0)
         self._zero = [0.0] * 6
+        self._down: Vector = (0.0, 0.0, -1.0)  # where the payload falls, in base_link
+        self.external: Sequence[float] | None = None  # (6,) measured by another sensor, in place of this one
         self._smooth = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
         self.raw = [0.0] * 6  # [N, Nm] measured, nothing corrected
         self.wrench = [
@@ -60,6 +62,10 @@ class ForceTorqueSensor:
     def set_payload(self, mass: float, centre: Sequence[float]) -> None:
         """Mass [kg] and centre of mass (3,) [m] of all that hangs on the flange: what the controller believes."""
         self._mass, self._centre = mass, (centre[0], centre[1], centre[2])
+
+    def set_gravity(self, down: Vector) -> None:
+        """Where the payload falls, a unit vector in base_link: what the controller believes."""
+        self._down = down
 
     def update(self, reading: Sequence[float], rotation: Rotation) -> None:
         """Take in one cycle: the wrench (6,) the arm exerts on the tool, and the tool's rotation in base_link."""
@@ -81,9 +87,16 @@ class ForceTorqueSensor:
             w -= gain * (tz + w)
             self._smooth = (x, y, z, u, v, w)
             rx, ry, rz, sx, sy, sz = x + a, y + b, z + c, u + d, v + e, w + f
+        if self.external is not None:
+            rx, ry, rz, sx, sy, sz = self.external
         self.raw = [rx, ry, rz, sx, sy, sz]
-        weight = -GRAVITY * self._mass
-        gx, gy, gz = weight * rotation[6], weight * rotation[7], weight * rotation[8]
+        weight = GRAVITY * self._mass
+        dx, dy, dz = self._down
+        if dx or dy:
+            gx, gy, gz = (weight * value for value in unrotate(rotation, self._down))
+        else:
+            weight *= dz
+            gx, gy, gz = weight * rotation[6], weight * rotation[7], weight * rotation[8]
         cx, cy, cz = self._centre
         zx, zy, zz, zu, zv, zw = self._zero
         self.wrench = [

@@ -1,172 +1,26 @@
-"""The arm at work: one search after another, as the bus asks for them. The same on a simulated arm and on a real one.
-
-`SearchService` is what they share; what differs is who puts boards and parts in place, how session time passes while
-there is nothing to do, and what is done after an aborted attempt. `Job` is the simulated arm's.
-"""
+"""The simulated arm at work: searches on a simulated cell, whose truth is published."""
 
 from __future__ import annotations
 
 import math
-from abc import ABC, abstractmethod
 from collections import deque
 
+from drivers.ur3e.search_service import SearchService, attempt_message
 from drivers.ur3e.setup import Setup
 from drivers.ur3e.simulated_cell import SearchTruth
-from drivers.ur3e.skill import InsertionSkill, Peck
-from drivers.ur3e.telemetry import ObservedArm, Telemetry, pose_of, wrench_of
+from drivers.ur3e.skill import Peck
 from runtime import topics
 from runtime.bus import Envelope
-from runtime.cell import Hole
 from runtime.clock import Pacer, parse_rate
 from runtime.context import Context
-from runtime.errors import ArmError, SessionError
-from runtime.messages import BASE_FRAME, Attempt, Candidate, Outcome, Phase, SearchGoal, Truth, header
+from runtime.messages import BASE_FRAME, SearchGoal, Truth, header
 from runtime.permit_gate import PermitGate
-from runtime.topics import MessageT, Topic
 
-
-class _Stopped(Exception):  # noqa: N818 - no error: the cell is closing and the arm stands
-    """The cell closes, and the arm has come to rest."""
-
-
-class SearchService(ABC):
-    """Serves searches with an arm and a skill on it, until the cell closes."""
-
-    _arm: ObservedArm
-    _skill: InsertionSkill
-
-    def __init__(self, context: Context) -> None:
-        self._context = context
-        self._attempts = context.bus.publisher(topics.ATTEMPT)
-        self._telemetry = Telemetry(context)
-        context.bus.subscribe(topics.SESSION, topics.PERMIT, topics.SEARCH_GOAL, topics.CANDIDATE)
-
-    @property
-    @abstractmethod
-    def _waiting(self) -> deque[Envelope]:
-        """What has arrived and nobody has asked for yet."""
-
-    @abstractmethod
-    def _wait_for_arrival(self) -> None:
-        """Let something arrive; returns all the same now and then, to see whether the cell closes."""
-
-    @abstractmethod
-    def _wait_for_first_permit(self) -> None:
-        """Session time begins; wait until motion is permitted, or the cell closes."""
-
-    @abstractmethod
-    def _halted(self) -> bool:
-        """Whether the plugin is to end, or must, and the arm stands still."""
-
-    @abstractmethod
-    def _check(self) -> None:
-        """Raise SessionError if it is the interlock that ended the session."""
-
-    @abstractmethod
-    def _present(self, goal: SearchGoal) -> None:
-        """Have board, hole and part of a search put in place, with the arm out of the way of a fresh board."""
-
-    @abstractmethod
-    def _has_part(self) -> bool:
-        """Whether the gripper has a part, as far as that can be known."""
-
-    @abstractmethod
-    def _recover(self, peck: Peck) -> None:
-        """Make the arm able to go on after an aborted attempt. Raises ArmError where that is not safe."""
-
-    def run(self) -> None:
-        """Serve searches until the cell closes. Raises SessionError if the arm cannot go on; it is halted by then."""
-        self._context.ready()
-        try:
-            if self._wait_for_cell():
-                while self._serve_search():
-                    pass
-        except _Stopped:
-            self._context.log("the arm is halted")
-        except ArmError as error:
-            raise SessionError(self._last_words(error)) from error
-        finally:
-            self._telemetry.publish_trace()
-
-    def _last_words(self, error: ArmError) -> str:
-        return f"{error}; the arm is halted"
-
-    def _after_cycle(self, arm: ObservedArm) -> None:
-        self._telemetry(arm)
-        if self._halted():
-            self._telemetry.activity = "halted"
-            self._telemetry.publish_status(arm)
-            self._check()
-            raise _Stopped
-
-    def _wait_for_cell(self) -> bool:
-        """Wait until every plugin is there and the interlock permits motion. False if the cell closes before."""
-        for item in self._context.arrivals():
-            if not (isinstance(item, Envelope) and item.topic == topics.SESSION.name):
-                continue
-            if item.read(topics.SESSION).phase == Phase.STARTING:
-                break
-        self._telemetry.describe()
-        self._telemetry.publish_state(self._arm)
-        self._wait_for_first_permit()
-        return not self._context.stopping
-
-    def _next(self, topic: Topic[MessageT]) -> MessageT | None:
-        """The next message of a topic, waiting for it. None if the cell closes."""
-        waiting = self._waiting
-        while not self._context.stopping:
-            for item in waiting:
-                if item.topic == topic.name:
-                    waiting.remove(item)
-                    return item.read(topic)
-            self._wait_for_arrival()
-        return None
-
-    def _serve_search(self) -> bool:
-        """Pick a part and try where the strategy says until it is seated or given up. False if the cell closes."""
-        goal = self._next(topics.SEARCH_GOAL)
-        if goal is None:
-            return False
-        self._present(goal)
-        self._do("pick")
-        self._skill.pick()
-        if not self._has_part():
-            raise ArmError("the gripper closed on nothing at the feeder")
-        self._telemetry.holding = goal.component
-        hole = self._context.cell.board.hole(goal.hole)
-        while (candidate := self._next(topics.CANDIDATE)) is not None:
-            if candidate.search != goal.search:
-                continue
-            if candidate.exhausted:
-                self._do("discard")
-                self._skill.discard()
-            elif not self._attempt(goal, hole, candidate):
-                continue
-            self._telemetry.holding = ""
-            self._do("idle")
-            self._telemetry.publish_status(self._arm)
-            return True
-        return False
-
-    def _attempt(self, goal: SearchGoal, hole: Hole, candidate: Candidate) -> bool:
-        """Peck at a candidate, let go of the part if it is seated, tell what was felt. Whether it is seated."""
-        self._do(f"board {goal.board} hole {goal.hole}: attempt {candidate.number}")
-        peck = self._skill.peck(hole, candidate.proposal.x, candidate.proposal.y)
-        ended = self._arm.time
-        if peck.outcome is Outcome.SEATED:
-            self._do("release")
-            self._skill.release()
-        self._attempts.send(attempt_message(goal, candidate, peck, ended), self._arm.time)
-        if peck.outcome is Outcome.ABORTED:
-            self._recover(peck)
-        return peck.outcome is Outcome.SEATED
-
-    def _do(self, activity: str) -> None:
-        self._telemetry.activity = activity
+__all__ = ["Job", "attempt_message"]
 
 
 class Job(SearchService):
-    """Serves searches on a simulated cell, whose truth it publishes."""
+    """Owns the simulated cell and serves searches on it."""
 
     def __init__(self, setup: Setup, context: Context) -> None:
         super().__init__(context)
@@ -206,26 +60,6 @@ class Job(SearchService):
         """A motion that the simulated arm refused leaves it where it was, able to go on; a protective stop ends the
         session with the next motion.
         """
-
-
-def attempt_message(goal: SearchGoal, candidate: Candidate, peck: Peck, ended: int) -> Attempt:
-    """What was felt, as a message; the peck ended at session time `ended` [ns]."""
-    return Attempt(
-        header=header(ended, BASE_FRAME),
-        search=goal.search,
-        number=candidate.number,
-        board=goal.board,
-        hole=goal.hole,
-        x=candidate.proposal.x,
-        y=candidate.proposal.y,
-        outcome=peck.outcome,
-        reason=peck.reason,
-        pose=pose_of(peck.tcp_position, peck.tcp_quaternion),
-        wrench=wrench_of(peck.wrench),
-        depth=peck.depth,
-        peak_force=peck.peak_force,
-        duration=peck.duration,
-    )
 
 
 def _truth_message(truth: SearchTruth, now: int) -> Truth:

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
+from drivers.ur3e.arm import Arm
 from drivers.ur3e.scene import Fidelity
 from drivers.ur3e.simulated_arm import SimulatedArm
 from drivers.ur3e.simulated_cell import SimulatedCell
@@ -23,19 +24,18 @@ class Setup:
     workcell: Workcell
     skill: SkillSettings
 
-    def build(
+    def simulate(
         self,
         cell: Cell,
         *,
         gate: Callable[[int], bool] | None = None,
         observe: Callable[[SimulatedArm], None] | None = None,
         integrate: Callable[[Any, Any, int], None] | None = None,
-    ) -> tuple[SimulatedCell, InsertionSkill]:
-        """The simulation of a cell, and the skill on its arm; the hooks are those of `SimulatedArm` and `Scene`."""
-        part = component(cell.component)
-        simulated = SimulatedCell(
+    ) -> SimulatedCell:
+        """The simulation of a cell; the hooks are those of `SimulatedArm` and `Scene`."""
+        return SimulatedCell(
             cell.board,
-            part,
+            component(cell.component),
             cell.tolerances,
             cell.seed,
             workcell=self.workcell,
@@ -44,4 +44,19 @@ class Setup:
             observe=observe,
             integrate=integrate,
         )
-        return simulated, InsertionSkill(simulated.arm, self.workcell, cell.board, part, self.skill)
+
+    def build(
+        self,
+        cell: Cell,
+        *,
+        gate: Callable[[int], bool] | None = None,
+        observe: Callable[[SimulatedArm], None] | None = None,
+        integrate: Callable[[Any, Any, int], None] | None = None,
+    ) -> tuple[SimulatedCell, InsertionSkill]:
+        """The simulation of a cell, and the skill on its arm."""
+        simulated = self.simulate(cell, gate=gate, observe=observe, integrate=integrate)
+        return simulated, self.skilled(simulated.arm, cell)
+
+    def skilled(self, arm: Arm, cell: Cell) -> InsertionSkill:
+        """The skill to work in a cell on an arm, simulated or real."""
+        return InsertionSkill(arm, self.workcell, cell.board, component(cell.component), self.skill)

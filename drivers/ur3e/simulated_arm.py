@@ -65,16 +65,18 @@ class SimulatedArm:
         self.time = 0  # [ns] of the session
         self.safety_mode = NORMAL
         self.stop_reason = ""  # why the last protective stop happened
+        self.stops = 0  # how many protective stops there have been
         self.held = False  # the program is paused: motion is braked along its path, without a safety stop
         self.payload: tuple[float, tuple[float, ...]] = (0.0, (0.0, 0.0, 0.0))  # [kg], centre (3,) [m], as told
         self.torque: list[float] | None = None  # (6,) [Nm] in place of the servos, gravity apart
         self._damping, self._gain = DEFAULT_DAMPING, DEFAULT_GAIN  # of force mode
-        self._gate = gate or _always
+        self.gate = gate or _always
         self._observe = observe
         self.controller = Controller(Kinematics(), scene.workcell.home)
         self.sensor = ForceTorqueSensor(seed, noise)
         self.setPayload(GRIPPER.mass, GRIPPER.centre_of_mass)
         self._actual = Kinematics()
+        self._asked = Kinematics()  # for questions about other configurations and other TCPs
         self._tool_turn: frames.Rotation | None = None  # from the TCP's frame to the tool's, if they differ
         self._history: deque[tuple[float, ...]] = deque(maxlen=_HISTORY)
         self._stopped_at = 0
@@ -126,7 +128,7 @@ class SimulatedArm:
 
     def cycle(self) -> None:
         """One control cycle: permission, setpoints, physics, sensor. Raises ArmError if the motion cannot go on."""
-        permitted = self._gate(self.time)
+        permitted = self.gate(self.time)
         controller = self.controller
         if self.safety_mode != PROTECTIVE_STOP:
             self.safety_mode = NORMAL if permitted else SAFEGUARD_STOP
@@ -189,7 +191,9 @@ class SimulatedArm:
         self.controller.halt()
         self._target_q[:] = self.controller.q
         self._target_qd[:] = 0.0
-        self.safety_mode, self.stop_reason, self._stopped_at = PROTECTIVE_STOP, reason, self.time
+        if self.safety_mode != PROTECTIVE_STOP:
+            self.safety_mode, self.stop_reason, self._stopped_at = PROTECTIVE_STOP, reason, self.time
+            self.stops += 1
 
     def unlockProtectiveStop(self) -> bool:
         """Release a protective stop; refused, False, within 5 s of its beginning, as the dashboard server does."""
@@ -462,7 +466,7 @@ class SimulatedArm:
         self, q: Sequence[float] | None = None, tcp_offset: Sequence[float] | None = None
     ) -> list[float]:
         """See `Arm`."""
-        kinematics = Kinematics()
+        kinematics = self._asked
         kinematics.set_tcp(self._actual.tcp_offset if tcp_offset is None else tcp_offset)
         return frames.ur_pose(*kinematics.forward(self._q if q is None else np.array(q, dtype=float)))
 

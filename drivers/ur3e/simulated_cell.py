@@ -67,20 +67,29 @@ class SimulatedCell:
         self.board_changed = self.truth is None or self.truth.board != board_number
         if self.board_changed:
             self.scene.clear_board()
-        nominal = board.hole(hole_name)
-        hole, part = world.hole(board_number, hole_name), world.part(search_number, hole_name)
-        yaw = nominal.orientation or 0.0
-        self.scene.place_holes(board.x + nominal.x + hole.x, board.y + nominal.y + hole.y, yaw + hole.yaw)
-        self._present(part, yaw)
+        hole, part = self.reveal_hole(board_number, hole_name), self.present_part(search_number, hole_name)
         offset = world.offset(search_number, board_number, hole_name)
         self.truth = SearchTruth(search_number, board_number, hole_name, hole, part, offset)
         return self.truth
 
-    def _present(self, part: PartTruth, yaw: float) -> None:
-        """A part's offset over the hole, base_link, is one in the TCP's frame, whose z points down."""
-        turn = tool_down(yaw)
+    def reveal_hole(self, board_number: int, hole_name: str) -> HoleTruth:
+        """Let the holes that can be touched be those of one place on a board, where they really are."""
+        board = self.scene.board
+        nominal, hole = board.hole(hole_name), self.world.hole(board_number, hole_name)
+        yaw = (nominal.orientation or 0.0) + hole.yaw
+        self.scene.place_holes(board.x + nominal.x + hole.x, board.y + nominal.y + hole.y, yaw)
+        return hole
+
+    def present_part(self, search_number: int, hole_name: str) -> PartTruth:
+        """Put the part of one search into the feeder.
+
+        Its offset over the hole, base_link, is one in the TCP's frame, whose z points down.
+        """
+        part = self.world.part(search_number, hole_name)
+        turn = tool_down(self.scene.board.hole(hole_name).orientation or 0.0)
         x, y, _ = unrotate(turn, (part.x, part.y, 0.0))
         self.scene.present_part(True, x, y, -part.yaw)
+        return part
 
     def render(self, path: Path, width: int = 1200, height: int = 900, camera: str = "iso") -> None:
         """Write a PNG of the cell as it is now; cameras are `iso` and `board`. Works without a screen through EGL."""
