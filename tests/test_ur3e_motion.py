@@ -258,7 +258,7 @@ def test_a_hand_leads_the_tool_and_leaves_it_where_it_is() -> None:
     moved = arm.pose[0]
     assert moved[1] - here[1] > 0.01
     arm.scene.push((0.0,) * 6)
-    for _ in range(250):
+    for _ in range(500):
         arm.cycle()
     rest = arm.pose[0]
     for _ in range(500):

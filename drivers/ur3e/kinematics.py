@@ -73,6 +73,11 @@ class Kinematics:
         torque: Array = pinocchio.nonLinearEffects(self.model, self._data, q, qd)
         return torque.copy()
 
+    def momentum(self, q: Array, qd: Array) -> float:
+        """[kg m/s] size of the linear momentum of arm and gripper."""
+        momentum = pinocchio.computeCentroidalMomentum(self.model, self._data, q, qd)
+        return float(np.linalg.norm(momentum.linear))
+
     def inverse(self, position: Sequence[float], rotation: Rotation, near: Array) -> Array:
         """Joint angles (6,) [rad] that put the TCP there, by damped Newton steps from `near`.
 

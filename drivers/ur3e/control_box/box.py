@@ -133,6 +133,8 @@ class ControlBox:
         arm = self.arm
         arm.controller.slider = self.speed_slider
         arm.held = self.programs.paused
+        self.electrics.powered = self.robot_mode >= RobotMode.POWER_ON
+        self.electrics.tool_voltage = self.wiring.tool_voltage
         arm.sensor.external = self.external_force_torque if self.external_sensor else None
         try:
             arm.cycle()
@@ -142,6 +144,7 @@ class ControlBox:
             x, y, z = arm.controller.twist()[:3]
             if x * x + y * y + z * z > TOOL_SPEED_LIMIT * TOOL_SPEED_LIMIT:
                 arm.protective_stop(f"the tool exceeds {TOOL_SPEED_LIMIT:g} m/s")
+        self.electrics.advance()
         self.history.append(arm.getActualQ())
         self._notice_stops()
         self.execution_time = watch.seconds

@@ -29,8 +29,8 @@ class Limits:
 
     peers: int = 32  # at one port
     accepts: int = 4  # in a cycle, over all ports
-    read: int = 8192  # [bytes] from one client in a cycle
-    read_total: int = 65536  # [bytes] from all clients in a cycle
+    read: int = 4096  # [bytes] from one client in a cycle
+    read_total: int = 16384  # [bytes] from all clients in a cycle
     backlog: int = 1 << 20  # [bytes] that a client has not taken
     log_lines: int = 10  # in a second
 

@@ -12,8 +12,9 @@ from drivers.ur3e.control_box.modes import RobotMode, RuntimeState, SafetyMode
 from drivers.ur3e.control_box.script_builtins import Robot
 from drivers.ur3e.control_box.watchdog import Watchdog
 from drivers.ur3e.urscript.compile_worker import Compiler
+from drivers.ur3e.urscript.errors import ScriptError
 from drivers.ur3e.urscript.program import Program
-from drivers.ur3e.urscript.script import Script, ScriptError
+from drivers.ur3e.urscript.script import Script
 
 if TYPE_CHECKING:
     from drivers.ur3e.control_box.box import ControlBox
@@ -38,7 +39,7 @@ class Programs:
         self._box = box
         self._folder = folder
         self._robot = Robot(box, seed)
-        self._compiler = Compiler(self._robot.table)
+        self._compiler = Compiler({name: builtin.timed for name, builtin in self._robot.table.items()})
         self._origins: dict[int, str] = {}
         self._main: Program | None = None
         self._beside: list[Program] = []
@@ -55,6 +56,11 @@ class Programs:
         if self._main is None:
             return RuntimeState.STOPPED
         return RuntimeState.PAUSED if self.paused else RuntimeState.PLAYING
+
+    @property
+    def line(self) -> int:
+        """Line in which the program is at present; 0 without one."""
+        return 0 if self._main is None else self._main.line
 
     def submit(self, text: str, origin: str) -> None:
         """Have a program compiled; it starts in the cycle in which that is done."""
@@ -166,11 +172,15 @@ class Programs:
     def _tick(self, program: Program) -> bool:
         """Whether the program goes on."""
         try:
-            return self._robot.run(program)
+            goes_on = self._robot.run(program)
         except ScriptError as error:
             self._box.events.append(RuntimeException(error.line, error.column, error.text))
             self._box.log(f"program {program.name!r} stopped in line {error.line}: {error.text}")
             return False
+        if program.wants_pause:
+            program.wants_pause = False
+            self.paused = goes_on
+        return goes_on
 
     def _finish(self) -> None:
         self._main, self.paused, self.watchdog = None, False, None

@@ -10,7 +10,8 @@ from drivers.ur3e.control_box.script_motion import MotionBuiltins
 from drivers.ur3e.control_box.script_sockets import SocketBuiltins
 from drivers.ur3e.control_box.script_state import StateBuiltins
 from drivers.ur3e.control_box.version import PolyScope
-from drivers.ur3e.urscript.program import Builtin, Program
+from drivers.ur3e.urscript.builtin import Builtin
+from drivers.ur3e.urscript.program import Program
 from drivers.ur3e.urscript.pure_builtins import pure_builtins
 
 if TYPE_CHECKING:

@@ -14,6 +14,7 @@ from collections.abc import Generator
 from typing import Any, TypeAlias
 
 from drivers.ur3e.parameters import CYCLE
+from drivers.ur3e.urscript.values import written
 from runtime.errors import ArmError
 
 Cycles: TypeAlias = Generator[None, None, Any]
@@ -214,9 +215,7 @@ class SocketBuiltins:
 
 def text_of(value: object) -> str:
     """What a socket or a message shows of a value: text as it is, all else as a script writes it."""
-    from drivers.ur3e.urscript.values import to_str
-
-    return value if isinstance(value, str) else to_str(value)
+    return value if isinstance(value, str) else written(value)
 
 
 def _connected(link: socket.socket) -> bool:

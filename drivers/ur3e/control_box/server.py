@@ -69,7 +69,6 @@ class RobotServer:
         self._after_cycle = after_cycle
         self._rtde = RtdePort(box)
         box.fed = self._rtde.fed
-        box.electrics = self._rtde.electrics
         wanted = numbers or Numbers()
         package = RealtimePackage(box)
         self.ports = Ports(

@@ -10,13 +10,13 @@ from __future__ import annotations
 import ast
 import marshal
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 from drivers.ur3e.urscript.errors import ScriptError
 from drivers.ur3e.urscript.expressions import Expressions
 from drivers.ur3e.urscript.grammar import parse
-from drivers.ur3e.urscript.python_ast import FILE, PythonAst, depth
+from drivers.ur3e.urscript.python_ast import PythonAst, depth
 from drivers.ur3e.urscript.scopes import Scope, Scopes, scopes
+from drivers.ur3e.urscript.script import FILE, LONGEST_CODE, Script
 from drivers.ur3e.urscript.syntax import (
     Assignment,
     Block,
@@ -27,28 +27,18 @@ from drivers.ur3e.urscript.syntax import (
     Keyword,
     Member,
     Name,
+    Node,
     Return,
     Statement,
     ThreadControl,
     While,
 )
 
-MAIN = "f0_"  # how the program's own Python function begins
 _DEEPEST_BLOCKS = 40
 _DEEPEST_LOOPS = 16  # Python allows 20
 _DEEPEST_PYTHON = 600  # nodes inside each other
 _CHARGE = 8  # [nodes] that cost a step
 _OFTEN = 128  # [nodes] after which a thread may be preempted
-
-
-@dataclass(frozen=True)
-class Script:
-    """A compiled script."""
-
-    name: str  # of its `def` or `sec`; "" for bare statements
-    kind: str  # "def" or "sec"
-    code: bytes  # a marshalled code object, for this version of Python
-    builtins: tuple[str, ...]  # those it uses, sorted
 
 
 def compile_script(text: str, builtins: Mapping[str, bool]) -> Script:
@@ -66,7 +56,11 @@ def compile_script(text: str, builtins: Mapping[str, bool]) -> Script:
     except (RecursionError, MemoryError, SyntaxError, ValueError, OverflowError) as error:
         raise ScriptError(program.line, program.column, f"the script is too complex: {error}") from error
     kind = "sec" if program.kind == "sec" else "def"
-    return Script(program.name, kind, marshal.dumps(code), tuple(sorted(compiler.used)))
+    marshalled = marshal.dumps(code)
+    if len(marshalled) > LONGEST_CODE:
+        size = f"{len(marshalled)} of at most {LONGEST_CODE} bytes"
+        raise ScriptError(1, 1, f"the script is too long: it compiles to {size}")
+    return Script(program.name, kind, marshalled, tuple(sorted(compiler.used)))
 
 
 def _program(block: Block) -> Function:
@@ -75,7 +69,7 @@ def _program(block: Block) -> Function:
     programs = [statement for statement in block if isinstance(statement, Function) and statement.kind != "thread"]
     if len(block) == 1 and programs:
         if programs[0].parameters:
-            raise ScriptError(programs[0].line, programs[0].column, f"the program {programs[0].name} takes no arguments")
+            raise ScriptError(programs[0].line, programs[0].column, "a program takes no arguments")
         return programs[0]
     if len(programs) == len(block):
         raise ScriptError(programs[1].line, programs[1].column, "a script holds one program, and this is a second one")
@@ -119,7 +113,7 @@ class _Compiler:
         head += self._charge(_CHARGE + len(function.parameters))
         self._expressions.weight = 0
         self._expressions.calls = False
-        body, _ = self._block(function.body)
+        body, _ = self._block(function, function.body)
         names = ["_depth", *(f"v_{parameter.name}" for parameter in function.parameters)]
         py.at(function)
         return py.function(scope.identifier, names, head + body)
@@ -136,11 +130,11 @@ class _Compiler:
             py.branch(py.compare(left, ast.Lt(), py.constant(0)), [preempt]),
         ]
 
-    def _block(self, block: Block) -> tuple[list[ast.stmt], int]:
+    def _block(self, owner: Node, block: Block) -> tuple[list[ast.stmt], int]:
         """Statements, with the nodes among them that have not been charged."""
         self._depth += 1
         if self._depth > _DEEPEST_BLOCKS:
-            raise ScriptError(block[0].line, block[0].column, f"blocks more than {_DEEPEST_BLOCKS} deep in each other")
+            raise ScriptError(owner.line, owner.column, f"blocks more than {_DEEPEST_BLOCKS} deep in each other")
         done: list[ast.stmt] = []
         pending = 0
         for statement in block:
@@ -200,10 +194,10 @@ class _Compiler:
 
     def _if(self, statement: If) -> tuple[list[ast.stmt], int]:
         py, expressions = self._python, self._expressions
-        otherwise, uncharged = self._block(statement.otherwise)
+        otherwise, uncharged = self._block(statement, statement.otherwise)
         weight, calls = 1, False
         for condition, body in reversed(statement.branches):
-            inside, inner = self._block(body)
+            inside, inner = self._block(condition, body)
             expressions.weight, expressions.calls = 0, False
             py.at(condition)
             test = expressions.condition(condition)
@@ -219,7 +213,7 @@ class _Compiler:
         self._loops += 1
         if self._loops > _DEEPEST_LOOPS:
             raise ScriptError(statement.line, statement.column, f"loops more than {_DEEPEST_LOOPS} deep in each other")
-        body, uncharged = self._block(statement.body)
+        body, uncharged = self._block(statement, statement.body)
         self._loops -= 1
         expressions.weight, expressions.calls = 1, False
         test = expressions.condition(statement.condition)
@@ -249,5 +243,3 @@ class _Compiler:
         if len(keys) > 2:
             raise ScriptError(place.line, place.column, f"an element has one or two indices, not {len(keys)}")
         return py.do("_set_item" if len(keys) == 1 else "_set_cell", value, *keys, base)
-
-

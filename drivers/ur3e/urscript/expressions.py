@@ -237,6 +237,4 @@ class Expressions:
 
 
 def _is_pose(node: Expression) -> bool:
-    return (
-        isinstance(node, Index) and len(node.keys) == 6 and isinstance(node.base, Name) and node.base.name == _POSE
-    )
+    return isinstance(node, Index) and len(node.keys) == 6 and isinstance(node.base, Name) and node.base.name == _POSE

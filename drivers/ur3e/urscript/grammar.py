@@ -9,7 +9,7 @@ from typing import Any, cast
 
 from lark import Lark, Token, Transformer
 from lark.exceptions import UnexpectedToken
-from lark.lexer import Lexer
+from lark.lexer import Lexer, LexerState
 
 from drivers.ur3e.urscript.errors import ScriptError
 from drivers.ur3e.urscript.source import KEYWORDS, Word, words
@@ -66,12 +66,12 @@ _expression: disjunction
 ?product: signed | product (STAR | SLASH | PERCENT) signed -> binary
 ?signed: postfix | (MINUS | PLUS) signed -> unary
 ?postfix: atom | postfix LSQB keys _RSQB -> index | postfix _DOT NAME -> member
-?atom: name | number | string | word | call | run | list | _LPAR disjunction _RPAR
+?atom: name | number | string | word | call | run | array | _LPAR disjunction _RPAR
 name: NAME
 number: NUMBER
 string: STRING
 word: TRUE | FALSE | NONE
-list: LSQB [_expression (_COMMA _expression)*] _RSQB
+array: LSQB [_expression (_COMMA _expression)*] _RSQB
 keys: _expression (_COMMA _expression)*
 call: NAME _LPAR [_argument (_COMMA _argument)*] _RPAR
 _argument: _expression | keyword_argument
@@ -88,7 +88,6 @@ _FOREIGN = {
     "switch": "`switch` is not simulated; write `if` and `elif`",
     "case": "`switch` is not simulated; write `if` and `elif`",
     "elseif": "write `elif`",
-    "def": "",
 }
 _TRUTHS = {"True": True, "False": False, "None": None}
 _LARGEST_INTEGER = 2**31 - 1
@@ -97,11 +96,13 @@ _LARGEST_INTEGER = 2**31 - 1
 class _Words(Lexer):
     """Hands lark the tokens that were found."""
 
-    def __init__(self, lexer_conf: Any) -> None:  # noqa: ARG002
+    __future_interface__ = 1
+
+    def __init__(self, lexer_conf: Any) -> None:
         pass
 
-    def lex(self, data: Any) -> Iterator[Token]:
-        for word in cast("list[Word]", data.text if hasattr(data, "text") else data):
+    def lex(self, lexer_state: LexerState, parser_state: Any) -> Iterator[Token]:  # noqa: ARG002
+        for word in cast("list[Word]", lexer_state.text):
             yield Token(word.kind, word.text, None, word.line, word.column)
 
 
@@ -181,7 +182,7 @@ class _Builder(Transformer[Token, Any]):
     def word(self, children: list[Token]) -> Constant:
         return Constant(_line(children[0]), _column(children[0]), _TRUTHS[str(children[0])])
 
-    def list(self, children: list[Any]) -> ListOf:
+    def array(self, children: list[Any]) -> ListOf:
         return ListOf(children[0].line, children[0].column, tuple(children[1:]))
 
     def call(self, children: list[Any]) -> Call:
@@ -213,11 +214,13 @@ def _number(token: Token) -> int | float:
     """An integer if it is written as one and fits into 32 bits."""
     text = str(token)
     if text[:2].lower() == "0x":
-        return int(text, 16) if len(text) < 10 else float(int(text[:20], 16))
-    value = float(text)
+        value: int | float = int(text, 16) if len(text) <= 10 else math.inf
+        text = str(value)
+    else:
+        value = float(text)
     if not math.isfinite(value):
         raise ScriptError(_line(token), _column(token), "this number is too large")
-    return int(text) if text.isdigit() and value <= _LARGEST_INTEGER else value
+    return int(text) if text.isdigit() and value <= _LARGEST_INTEGER else float(value)
 
 
 @cache
@@ -236,13 +239,12 @@ def parse(text: str) -> Block:
         last = found[-1] if found else Word("", "", 1, 1)
         raise ScriptError(last.line, last.column, "the script ends too early: an `end` or a bracket is missing")
     line, column = _line(token), _column(token)
-    before = [word for word in found if (word.line, word.column) < (line, column)]
-    raise ScriptError(line, column, _unexpected(token, before[-1] if before else None))
+    raise ScriptError(line, column, _unexpected(token, [word.text for word in found if word.line == line]))
 
 
-def _unexpected(token: Token, before: Word | None) -> str:
-    for text in (str(token), before.text if before else ""):
-        if _FOREIGN.get(text):
+def _unexpected(token: Token, its_line: list[str]) -> str:
+    for text in its_line:
+        if text in _FOREIGN:
             return f"syntax error at {str(token)!r}: {_FOREIGN[text]}"
     if token.type == "_NEWLINE":
         return "syntax error: the statement is not complete at the end of its line"

@@ -124,7 +124,7 @@ class Operators:
         self._meter.charge(size(a) if len(a) > _MEASURED or type(a) is Struct else len(a))
         return duplicate(a)
 
-    def list(self, elements: list[Value]) -> list[Value]:
+    def array(self, elements: list[Value]) -> list[Value]:
         """`[a, b, ...]` of values that belong to nobody else."""
         self._meter.charge(len(elements))
         return uniform(elements)

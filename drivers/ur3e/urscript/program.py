@@ -15,10 +15,9 @@ from types import CodeType, FunctionType, GeneratorType, TracebackType
 from typing import Any
 
 from drivers.ur3e.urscript.builtin import Builtin, guarded
-from drivers.ur3e.urscript.compiler import MAIN, Script
 from drivers.ur3e.urscript.errors import BuiltinError, Halt, ScriptError
 from drivers.ur3e.urscript.operators import Meter, Operators
-from drivers.ur3e.urscript.python_ast import FILE
+from drivers.ur3e.urscript.script import FILE, MAIN, Script
 from drivers.ur3e.urscript.values import Pose, Struct, Value, size
 from runtime.errors import PalpateError, alternatives
 
@@ -69,6 +68,16 @@ class Program:
     def threads(self) -> int:
         """How many threads run, the program's own included; 0 once it has ended."""
         return len(self._threads)
+
+    @property
+    def line(self) -> int:
+        """Line, from 1, in which the program's own thread waits; 0 once it has ended."""
+        line = 0
+        run: Any = self._threads[0].run if self._threads else None
+        while isinstance(run, GeneratorType) and run.gi_code.co_filename == FILE and run.gi_frame is not None:
+            line = run.gi_frame.f_lineno
+            run = run.gi_yieldfrom
+        return line
 
     def tick(self) -> bool:
         """Run every thread until it waits. False once the program has ended; its other threads then end too.
@@ -189,7 +198,7 @@ class Program:
             "_ge": operators.greater_equal,
             "_truth": operators.truth,
             "_copy": operators.copy,
-            "_list": operators.list,
+            "_list": operators.array,
             "_pose": operators.pose,
             "_struct": operators.struct,
             "_item": operators.item,

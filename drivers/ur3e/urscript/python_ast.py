@@ -7,8 +7,6 @@ from typing import Any, TypeVar
 
 from drivers.ur3e.urscript.syntax import Node
 
-FILE = "<urscript>"  # the file name of compiled scripts, by which tracebacks know their frames
-
 _Node = TypeVar("_Node", bound=ast.AST)
 
 

@@ -57,7 +57,7 @@ class Scopes:
 
 
 def scopes(program: Function) -> Scopes:
-    """The scopes of a program. Raises ScriptError for functions that cannot be told apart or stand where they must not."""
+    """The scopes of a program. Raises ScriptError for functions defined twice or where they must not be."""
     found: list[Scope] = []
     _enter(program, None, found, 0)
     main = found[0]

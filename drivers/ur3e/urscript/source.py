@@ -16,8 +16,36 @@ LONGEST_SOURCE = 1_000_000  # [characters]
 DEEPEST_BRACKETS = 64
 
 KEYWORDS = frozenset(
-    "and break continue def elif else end enter_critical exit_critical global halt if join kill local not or pass pause "
-    "return run sec thread while xor True False None".split()
+    {
+        "and",
+        "break",
+        "continue",
+        "def",
+        "elif",
+        "else",
+        "end",
+        "enter_critical",
+        "exit_critical",
+        "global",
+        "halt",
+        "if",
+        "join",
+        "kill",
+        "local",
+        "not",
+        "or",
+        "pass",
+        "pause",
+        "return",
+        "run",
+        "sec",
+        "thread",
+        "while",
+        "xor",
+        "True",
+        "False",
+        "None",
+    }
 )
 _PUNCTUATION = {
     "==": "EQ",
@@ -42,7 +70,7 @@ _PUNCTUATION = {
 }
 _OPENING, _CLOSING = frozenset("(["), frozenset(")]")
 _GOES_ON = (frozenset(_PUNCTUATION) - _CLOSING) | {"and", "or", "xor", "not"}
-_AFTER_EMPTY_RETURN = frozenset({"NEWLINE", "END", "ELSE", "ELIF"})
+_AFTER_EMPTY_RETURN = frozenset({"_NEWLINE", "_END", "_ELSE", "ELIF"})
 _SILENT = frozenset({"ELSE", "END"})  # keywords whose place nobody asks for
 _TOKEN = re.compile(
     r"""
@@ -73,7 +101,8 @@ def words(text: str) -> list[Word]:
         raise ScriptError(1, 1, f"a script of {len(text)} characters; the limit is {LONGEST_SOURCE}")
     found = list(_scan(text))
     for index, word in enumerate(found):
-        if word.kind == "RETURN" and (index + 1 == len(found) or found[index + 1].kind.lstrip("_") in _AFTER_EMPTY_RETURN):
+        following = found[index + 1].kind if index + 1 < len(found) else "_END"
+        if word.kind == "RETURN" and following in _AFTER_EMPTY_RETURN:
             found[index] = Word("RETURN_NOTHING", word.text, word.line, word.column)
     return found
 

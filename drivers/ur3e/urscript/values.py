@@ -1,8 +1,8 @@
 """The values of URScript, and how they are measured, copied and written.
 
-Numbers are Python's float and int (32 bits), truth values bool, strings str, lists and matrices list, poses Pose, structs
-Struct; a function without a result gives None. Values are never shared: who keeps one copies it. A list keeps its
-length and the kind of its elements.
+Numbers are Python's float and int (32 bits), truth values bool, strings str, lists and matrices list, poses Pose,
+structs Struct; a function without a result gives None. Values are never shared: who keeps one copies it. A list keeps
+its length and the kind of its elements.
 """
 
 from __future__ import annotations

@@ -1,0 +1,248 @@
+"""RTDE, the port on which clients read a controller's state and write its registers, up to 500 times a second."""
+
+from __future__ import annotations
+
+import struct
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from drivers.ur3e.control_box.box import ControlBox
+from drivers.ur3e.control_box.peer import Peer, PeerError
+from drivers.ur3e.control_box.rtde_inputs import INPUTS, InputRecipe, input_recipe
+from drivers.ur3e.control_box.rtde_outputs import Output, output
+from drivers.ur3e.control_box.rtde_wire import (
+    COUNT,
+    IN_USE,
+    LAYOUT,
+    NOT_FOUND,
+    Level,
+    PackageStream,
+    message,
+    names_of,
+    package,
+)
+from drivers.ur3e.parameters import CYCLE
+
+HIGHEST = 1 / CYCLE  # [Hz]
+_LOWEST = 1.0  # [Hz]
+_VERSIONS = (1, 2)
+_RECIPES = 255  # a recipe's number is one byte
+_UNREAD = 100_000  # [bytes] a client that is so far behind is sent nothing more until it has read
+
+
+class RtdePort:
+    """What all RTDE clients of a controller share."""
+
+    def __init__(self, box: ControlBox) -> None:
+        self.box = box
+        self.fed: Counter[str] = Counter()  # packages in which each input field has come
+        self.claims: dict[str, object] = {}  # input field -> the client that writes it
+        self._values: dict[str, Any] = {}  # of the present cycle, worked out so far
+
+    def conversation(self, peer: Peer) -> RtdeConversation:
+        """One client's side."""
+        return RtdeConversation(self, peer)
+
+    def cycle(self) -> None:
+        """A control cycle has ended: values are to be worked out anew."""
+        self._values.clear()
+
+    def getter(self, name: str, field: Output) -> Callable[[], Any]:
+        """How to read a field; what is not a mere look-up is worked out once a cycle for all clients."""
+        box, values, read = self.box, self._values, field.value
+        if not field.shared:
+            return lambda: read(box)
+
+        def shared() -> Any:
+            try:
+                return values[name]
+            except KeyError:
+                value = values[name] = read(box)
+                return value
+
+        return shared
+
+
+@dataclass(frozen=True)
+class _Inputs:
+    """One recipe of inputs."""
+
+    layout: struct.Struct
+    counts: tuple[int, ...]  # values of each field
+    recipe: InputRecipe
+
+    def values(self, payload: bytes) -> list[Any]:
+        """The fields' values: numbers, or tuples for vectors."""
+        flat = iter(self.layout.unpack_from(payload))
+        return [next(flat) if count == 1 else tuple(next(flat) for _ in range(count)) for count in self.counts]
+
+
+class RtdeConversation:
+    """One RTDE client."""
+
+    def __init__(self, port: RtdePort, peer: Peer) -> None:
+        self._port = port
+        self._box = port.box
+        self._peer = peer
+        self._stream = PackageStream()
+        self._version = 1  # until the client asks for another
+        self._inputs: list[_Inputs] = []
+        self._getters: tuple[tuple[Callable[[], Any], bool], ...] = ()  # and whether there are several values
+        self._layout: struct.Struct | None = None
+        self._head = b""
+        self._rate = HIGHEST  # [Hz]
+        self._due = 0.0  # packages
+        self._started = False
+        self._warned = False
+
+    def opened(self) -> None:
+        """See `Conversation`."""
+
+    def received(self, data: bytes) -> None:
+        """See `Conversation`."""
+        for command, payload in self._stream.feed(data):
+            act = self._COMMANDS.get(command)
+            if act is None:
+                raise PeerError(f"RTDE knows no command {command!r}")
+            try:
+                act(self, payload)
+            except struct.error:
+                raise PeerError(f"an RTDE package {command} of {len(payload)} bytes is not what it says") from None
+
+    def closed(self) -> None:
+        """See `Conversation`."""
+        self._started = False
+        claims = self._port.claims
+        for name in [name for name, owner in claims.items() if owner is self]:
+            del claims[name]
+
+    # Commands
+
+    def _ask_version(self, payload: bytes) -> None:
+        (version,) = struct.unpack(">H", payload)
+        accepted = version in _VERSIONS
+        if accepted:
+            self._version = version
+        self._peer.send(package("V", bytes([accepted])))
+
+    def _tell_controller(self, payload: bytes) -> None:
+        _empty(payload)
+        version = self._box.version
+        numbers = (version.major, version.minor, version.bugfix, version.build)
+        self._peer.send(package("v", struct.pack(">4I", *numbers)))
+
+    def _set_outputs(self, payload: bytes) -> None:
+        rate = HIGHEST
+        if self._version > 1:
+            (rate,) = struct.unpack_from(">d", payload)
+            payload = payload[8:]
+        names = names_of(payload)
+        found = [output(name, self._box.version) for name in names]
+        types = [NOT_FOUND if field is None else field.type for field in found]
+        usable = bool(names) and None not in found and _LOWEST <= rate <= HIGHEST
+        self._started = False
+        self._layout = None
+        if usable:
+            fields = [(name, field) for name, field in zip(names, found, strict=True) if field is not None]
+            self._getters = tuple((self._port.getter(name, field), COUNT[field.type] > 1) for name, field in fields)
+            layout = "".join(LAYOUT[field.type] for _, field in fields)
+            self._layout = struct.Struct(">" + layout)
+            recipe = b"\x01" if self._version > 1 else b""
+            self._head = package("U", recipe + bytes(self._layout.size))[: 3 + len(recipe)]
+            self._rate = rate
+        answer = ",".join(types).encode()
+        number = bytes([usable]) if self._version > 1 else b""  # recipe 0 is none
+        self._peer.send(package("O", number + answer))
+
+    def _set_inputs(self, payload: bytes) -> None:
+        names = names_of(payload)
+        claims = self._port.claims
+        types = []
+        for name in names:
+            kind = INPUTS.get(name, NOT_FOUND)
+            taken = kind != NOT_FOUND and claims.get(name, self) is not self
+            types.append(IN_USE if taken else kind)
+        if len(self._inputs) >= _RECIPES:
+            raise PeerError(f"more than {_RECIPES} RTDE input recipes")
+        usable = bool(names) and not {NOT_FOUND, IN_USE} & set(types)
+        if usable:
+            claims.update(dict.fromkeys(names, self))
+            layout = struct.Struct(">" + "".join(LAYOUT[kind] for kind in types))
+            counts = tuple(COUNT[kind] for kind in types)
+            self._inputs.append(_Inputs(layout, counts, input_recipe(names)))
+        # A recipe that cannot be used has number 0, and takes none.
+        number = bytes([len(self._inputs) if usable else 0])
+        self._peer.send(package("I", number + ",".join(types).encode()))
+
+    def _start(self, payload: bytes) -> None:
+        _empty(payload)
+        self._started = self._layout is not None
+        self._due = 1.0
+        self._peer.send(package("S", bytes([self._started])))
+
+    def _pause(self, payload: bytes) -> None:
+        _empty(payload)
+        self._started = False
+        self._peer.send(package("P", b"\x01"))
+
+    def _take_data(self, payload: bytes) -> None:
+        number = payload[0] if payload else 0
+        if not 1 <= number <= len(self._inputs):
+            raise PeerError(f"RTDE input recipe {number} was not set up; there are {len(self._inputs)}")
+        inputs = self._inputs[number - 1]
+        size = len(payload) - 1
+        if size < inputs.layout.size:
+            # A real client sends such packages for one of its functions; the rest of its work must not suffer.
+            self._warn(f"input package of recipe {number} ignored: {size} bytes, {inputs.layout.size} needed")
+            return
+        inputs.recipe.apply(self._box, inputs.values(payload[1:]))
+        self._port.fed.update(inputs.recipe.names)
+
+    def _warn(self, text: str) -> None:
+        if not self._warned:
+            self._warned = True
+            self._box.log(f"rtde {self._peer.name}: {text}")
+        if self._started:
+            self._peer.send(message(text, "RTDE", Level.WARNING, self._version))
+
+    def _hear_message(self, payload: bytes) -> None:
+        """A client's text: text, source and level with their lengths."""
+        length = payload[0] if payload else 0
+        self._box.log(f"rtde {self._peer.name}: {payload[1 : 1 + length].decode(errors='replace')}")
+
+    _COMMANDS = {  # noqa: RUF012 - the methods of this class
+        "V": _ask_version,
+        "v": _tell_controller,
+        "O": _set_outputs,
+        "I": _set_inputs,
+        "S": _start,
+        "P": _pause,
+        "U": _take_data,
+        "M": _hear_message,
+    }
+
+    def cycle(self) -> None:
+        """See `Conversation`."""
+        layout = self._layout
+        if not self._started or layout is None:
+            return
+        self._due += self._rate / HIGHEST
+        if self._due < 1.0:
+            return
+        self._due -= int(self._due)
+        if self._peer.backlog > _UNREAD:
+            return
+        values: list[Any] = []
+        for get, several in self._getters:
+            if several:
+                values += get()
+            else:
+                values.append(get())
+        self._peer.send(self._head + layout.pack(*values))
+
+
+def _empty(payload: bytes) -> None:
+    if payload:
+        raise PeerError(f"an RTDE command with {len(payload)} bytes that it has no use for")
