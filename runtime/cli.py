@@ -62,7 +62,8 @@ examples:
     "bench": """\
 examples:
   palpate bench sim                               real-time factors of physics, controller and whole cell
-  palpate bench sim --cell capacitor --json figures.json""",
+  palpate bench sim --cell capacitor --json figures.json
+  palpate bench robot --seconds 20                packages on time, round trips, late cycles""",
 }
 
 
@@ -178,7 +179,15 @@ def _parser() -> argparse.ArgumentParser:
     picture.add_argument("--output", default="cell.png", metavar="FILE", help="a PNG (default: cell.png)")
 
     bench = _make(commands, "bench", "measure on this machine")
-    bench.add_argument("what", choices=("sim",), help="sim: real-time factors of physics, controller and whole cell")
+    bench.add_argument(
+        "what",
+        choices=("sim", "robot"),
+        help="sim: real-time factors of physics, controller and whole cell; "
+        "robot: how punctual the simulated controller is for two clients on the network",
+    )
+    bench.add_argument(
+        "--seconds", type=_seconds, default=60.0, metavar="S", help="robot: how long to measure (default: 60)"
+    )
     bench.add_argument("--cell", default="igbt", metavar="CELL", help="a cell file or a shipped name (default: igbt)")
     bench.add_argument("--strategy", metavar="NAME", help="instead of the cell's own")
     bench.add_argument("--seed", type=int, metavar="S", help="instead of the cell's own")

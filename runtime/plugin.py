@@ -50,6 +50,21 @@ class BareRun:
     inserted: int
 
 
+@dataclass(frozen=True)
+class Punctuality:
+    """How well a simulated controller keeps its time on the network, with two clients connected."""
+
+    packages: int  # that the first client received
+    missing: int  # that it should have received too
+    on_time_share: float  # of packages that arrived within 1 ms of when they were due
+    gap_max: float  # [s] the longest between two packages
+    commands: int  # that the second client gave
+    command_p50: float  # [s] half of them were done within this
+    command_p99: float  # [s]
+    cycles: int  # of the control loop
+    overruns: int  # of them began more than a cycle late
+
+
 @runtime_checkable
 class Driver(Protocol):
     """Owns one device, or one service of the cell, in a process of its own."""

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, ClassVar, Literal
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 from drivers.ur3e.skill import SkillSettings
 from drivers.ur3e.workcell import Workcell
 from runtime.config import Cell
 from runtime.context import Context
 from runtime.errors import CellError
-from runtime.plugin import BareRun
+from runtime.plugin import BareRun, Punctuality
 
 if TYPE_CHECKING:
     from drivers.ur3e.setup import Setup
@@ -41,6 +41,20 @@ class MujocoUr3e:
         from drivers.ur3e.bare_run import bare_run
 
         return bare_run(self.setup(), cell)
+
+    def punctuality(self, where: str, document: dict[str, Any], seconds: float) -> Punctuality:
+        """How well the controller keeps its time on UR's ports of this machine's loopback."""
+        from drivers.ur3e.control_box.bench import punctuality
+
+        order = {
+            "document": document,
+            "where": where,
+            "polyscope": "5.22",
+            "empty": False,
+            "programs": "",
+            "bus_port": 0,
+        }
+        return punctuality(self.controller, order, seconds)
 
     def picture(self, cell: Cell, path: Path) -> None:
         """Write a PNG of the cell with a part in the gripper. Raises InputError where nothing can be drawn."""

@@ -15,12 +15,12 @@ from runtime import config
 from runtime.errors import InputError, SessionError
 from runtime.launcher import Order, launch
 from runtime.messages import Ending
-from runtime.plugin import BareRun
+from runtime.plugin import BareRun, Punctuality
 
 
 def bench_command(arguments: argparse.Namespace) -> int:
     """Measure, print a table, write the figures where asked."""
-    figures = {"sim": bench_sim}[arguments.what](arguments)
+    figures = {"sim": bench_sim, "robot": bench_robot}[arguments.what](arguments)
     if arguments.json:
         try:
             Path(arguments.json).write_text(json.dumps(figures, indent=2) + "\n", encoding="utf-8")
@@ -57,6 +57,37 @@ def bench_sim(arguments: argparse.Namespace) -> dict[str, float]:
         "inserted": float(inserted),
     }
     _show(figures, f"{cell_file.name}, {cell.strategy}, seed {cell.seed}")
+    return figures
+
+
+def bench_robot(arguments: argparse.Namespace) -> dict[str, float]:
+    """Punctuality of the controller that `palpate robot` serves, with two clients connected."""
+    overrides: dict[str, Any] = {} if arguments.seed is None else {"seed": arguments.seed}
+    cell_file = config.load(arguments.cell, overrides)
+    run = getattr(config.robot_of(cell_file.cell, cell_file.name), "punctuality", None)
+    if run is None:
+        raise InputError(f"{cell_file.name}: {cell_file.cell.robot} is not simulated; there is nothing to measure")
+    found: Punctuality = run(cell_file.name, cell_file.document, arguments.seconds)
+    figures = {
+        "on_time_share": found.on_time_share,
+        "gap_max_ms": 1e3 * found.gap_max,
+        "command_p50_ms": 1e3 * found.command_p50,
+        "command_p99_ms": 1e3 * found.command_p99,
+        "overruns": float(found.overruns),
+        "packages": float(found.packages),
+        "packages_missing": float(found.missing),
+        "cycles": float(found.cycles),
+    }
+    table = Table(box=None, pad_edge=False, show_header=False)
+    table.add_row("RTDE packages within 1 ms of their time", f"{found.on_time_share:.3%} of {found.packages}")
+    table.add_row("longest gap between two packages", f"{1e3 * found.gap_max:.2f} ms")
+    table.add_row("packages missing", str(found.missing))
+    table.add_row(
+        f"round trip of a command ({found.commands} asked)",
+        f"p50 {1e3 * found.command_p50:.2f} ms, p99 {1e3 * found.command_p99:.2f} ms",
+    )
+    table.add_row("control cycles that began a cycle late", f"{found.overruns} of {found.cycles}")
+    Console().print(table)
     return figures
 
 

@@ -31,6 +31,9 @@ def guarded(name: str, builtin: Builtin, meter: Meter) -> Callable[..., Any]:
 
     def instant(*arguments: Value, **named: Value) -> Value:
         meter.steps -= cost
+        for argument in arguments:
+            if type(argument) is str:
+                meter.steps -= len(argument) >> 6
         try:
             return _result(call(*arguments, **named), meter)
         except Exception as error:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from operator import mul
 
 from drivers.ur3e.urscript.errors import BuiltinError
 from drivers.ur3e.urscript.values import (
@@ -26,7 +27,7 @@ from drivers.ur3e.urscript.values import (
     uniform,
 )
 
-_LARGEST_PRODUCT = 40_000  # multiplications of one matrix product
+_LARGEST_PRODUCT = 20_000  # multiplications of one matrix product
 _MEASURED = 16  # [elements] below which the size of a list is not worth measuring
 
 
@@ -186,7 +187,7 @@ class Operators:
             hint = "; str_cat joins strings" if sign == "+" and str in (type(a), type(b)) else ""
             raise BuiltinError(f"{kind(a)} {sign} {kind(b)} is not possible{hint}")
         for value in lists:
-            self._meter.charge(size(value))
+            self._meter.charge(size(value) << 2)
         if type(a) is Pose or type(b) is Pose:
             if type(a) is type(b):
                 if sign not in "+-":
@@ -207,7 +208,10 @@ class Operators:
         if work > _LARGEST_PRODUCT:
             raise BuiltinError(f"{_shape(a)} * {_shape(b)} is too large to be calculated within a control cycle")
         self._meter.charge(work)
-        rows = [[_dot(row, column) for column in columns] for row in a]
+        for row in (*a, *columns):
+            for value in row:
+                _numeric(value)
+        rows = [[number(sum(map(mul, row, column))) for column in columns] for row in a]
         return limited(rows if _is_matrix(b) else [row[0] for row in rows])  # type: ignore[no-any-return]
 
 
@@ -240,13 +244,6 @@ def _numeric(a: Value) -> Number:
     if type(a) in NUMBERS:
         return a  # type: ignore[no-any-return]
     raise BuiltinError(f"a number is needed, not a {kind(a)}")
-
-
-def _dot(a: list[Number], b: tuple[Number, ...]) -> Number:
-    total: Number = 0
-    for x, y in zip(a, b, strict=True):
-        total = _add(total, _multiply(x, y))
-    return total
 
 
 def _elementwise(sign: str, operation: Callable[[Value, Value], Number], a: Value, b: Value) -> list[Value]:
