@@ -49,9 +49,9 @@ class WiredLoop:
         self,
         connection: UrConnection,
         *,
+        gate: Callable[[int], bool],
         speed_limit: float = 1.0,  # fraction of the speed slider while motion is permitted
         watchdog: float = 10.0,  # [Hz] the arm stops by itself if it hears less often from here
-        gate: Callable[[int], bool] | None = None,
         observe: Callable[[], None] | None = None,
     ) -> None:
         self._wires = connection
@@ -77,7 +77,7 @@ class WiredLoop:
     def safety_mode(self) -> int:
         """1 normal, 3 protective stop, 5 safeguard stop or no permit."""
         mode = self._sample.safety_mode
-        if mode in _SAFEGUARDS or (mode != PROTECTIVE_STOP and self._gate is not None and not self._permitted):
+        if mode in _SAFEGUARDS or (mode != PROTECTIVE_STOP and not self._permitted):
             return SAFEGUARD_STOP
         return mode
 
@@ -117,8 +117,7 @@ class WiredLoop:
             self._protected = self._protected or self._time
         else:
             self._protected = 0
-        if self._gate is not None:
-            self._govern(self._gate(self._time))
+        self._govern(self._gate(self._time))
         self._feed()
         if self._observe is not None:
             self._observe()

@@ -112,8 +112,8 @@ class ControlBox:
 
     @property
     def speed_scaling(self) -> float:
-        """Share 0..1 of the programmed speed at which the arm moves at present."""
-        return self.arm.controller.scaling
+        """Share 0..1 at which the arm moves of the speed that program and slider ask for: below 1 in and after a stop."""
+        return min(1.0, self.arm.controller.scaling / self.speed_slider) if self.speed_slider > 0 else 1.0
 
     @property
     def teaching(self) -> bool:

@@ -1,8 +1,8 @@
 """Currents, voltages, temperatures and momentum of the simulated arm. What UR does not publish is marked *assumed*.
 
-Motor torque is what moves the joint, gravity included: the simulation balances gravity by itself, so its torque is added
-here. Current is torque over a torque constant; heat goes with the square of the current into one thermal mass for each
-joint. Everything is worked out when somebody asks, at most once in a control cycle, except for the heat.
+Motor torque is what moves the joint, gravity included: the simulation balances gravity by itself, so its torque is
+added here. Current is torque over a torque constant; heat goes with the square of the current into one thermal mass for
+each joint. Everything is worked out when somebody asks, at most once in a control cycle, except for the heat.
 """
 
 from __future__ import annotations

@@ -46,9 +46,10 @@ def _numbers(words: Sequence[str], *counts: int) -> list[float]:
     try:
         values = [float(word) for word in words]
     except ValueError:
-        values = []
+        values = [math.nan]
     if len(values) not in counts or not all(math.isfinite(value) for value in values):
-        raise InputError(f"{' or '.join(map(str, counts))} numbers are needed")
+        needed = " or ".join(map(str, counts))
+        raise InputError(f"{needed} numbers are needed" if any(counts) else "nothing more is to be said")
     return values
 
 

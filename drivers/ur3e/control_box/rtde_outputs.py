@@ -1,7 +1,7 @@
 """What an e-Series controller tells its RTDE clients: every output field, its type, and where its value comes from.
 
-Names, types and meanings are those of UR's RTDE guide. Frames and units are UR's: poses and twists in `base`, SI, angles
-in radians, temperatures in degrees Celsius.
+Names, types and meanings are those of UR's RTDE guide. Frames and units are UR's: poses and twists in `base`, SI,
+angles in radians, temperatures in degrees Celsius.
 """
 
 from __future__ import annotations
@@ -90,7 +90,9 @@ OUTPUTS: dict[str, Output] = {
     "joint_control_output": Output("VECTOR6D", lambda box: box.electrics.control_output),  # [A]
     "actual_TCP_pose": Output("VECTOR6D", lambda box: box.arm.getActualTCPPose()),
     "actual_TCP_speed": Output("VECTOR6D", lambda box: box.arm.getActualTCPSpeed()),
-    "actual_TCP_force": Output("VECTOR6D", lambda box: box.arm.getActualTCPForce()),  # [N, Nm] payload and zero corrected
+    "actual_TCP_force": Output(
+        "VECTOR6D", lambda box: box.arm.getActualTCPForce()
+    ),  # [N, Nm] payload and zero corrected
     "target_TCP_pose": Output("VECTOR6D", lambda box: box.arm.getTargetTCPPose()),
     "target_TCP_speed": Output("VECTOR6D", lambda box: box.arm.getTargetTCPSpeed()),
     "actual_digital_input_bits": Output("UINT64", lambda box: box.wiring.digital_in),
@@ -153,7 +155,7 @@ OUTPUTS: dict[str, Output] = {
     "collision_detection_ratio": Output(
         "DOUBLE", lambda box: min(1.0, math.hypot(*box.arm.sensor.wrench[:3]) / FORCE_LIMIT), (5, 15)
     ),
-    "time_scale_source": Output("INT32", lambda box: 0 if box.speed_scaling >= box.speed_slider else 1, (5, 17)),
+    "time_scale_source": Output("INT32", lambda box: 0 if box.speed_scaling >= 1.0 else 1, (5, 17)),
     "payload": Output("DOUBLE", lambda box: box.arm.payload[0], (5, 6)),  # [kg]
     "payload_cog": Output("VECTOR3D", lambda box: box.arm.payload[1], (5, 6)),  # [m]
     "payload_inertia": Output("VECTOR6D", lambda box: box.payload_inertia, (5, 11)),  # [kg m^2]
@@ -168,6 +170,7 @@ OUTPUTS: dict[str, Output] = {
     "input_bit_registers0_to_31": Output("UINT32", lambda box: _bits(box.registers.input_bit, 0)),
     "input_bit_registers32_to_63": Output("UINT32", lambda box: _bits(box.registers.input_bit, 32)),
 }
+
 
 def _register(values: str, index: int) -> Getter:
     return lambda box: getattr(box.registers, values)[index]

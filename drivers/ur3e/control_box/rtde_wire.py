@@ -1,13 +1,13 @@
 """RTDE on the wire: packages and types (RTDE guide of Universal Robots). Big endian; a header of size and command.
 
-    command            client to controller                 controller to client
-    V  version         uint16                               uint8 accepted
-    v  URControl       -                                    uint32 major, minor, bugfix, build
-    M  message         (version 2) as from the controller   text, source, level
-    U  data            recipe, values                       recipe, values (version 1: values alone)
-    O  outputs         (version 2) double frequency, names  (version 2) recipe, types
-    I  inputs          names                                recipe, types
-    S, P start, pause  -                                    uint8 accepted
+command            client to controller                 controller to client
+V  version         uint16                               uint8 accepted
+v  URControl       -                                    uint32 major, minor, bugfix, build
+M  message         (version 2) as from the controller   text, source, level
+U  data            recipe, values                       recipe, values (version 1: values alone)
+O  outputs         (version 2) double frequency, names  (version 2) recipe, types
+I  inputs          names                                recipe, types
+S, P start, pause  -                                    uint8 accepted
 """
 
 from __future__ import annotations
