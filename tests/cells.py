@@ -47,9 +47,10 @@ class Palpate:
     port: int = field(default_factory=unused_port)
     mark: str = field(default_factory=lambda: uuid.uuid4().hex)
 
-    def start(self, *arguments: str | Path) -> subprocess.Popen[str]:
+    def start(self, *arguments: str | Path, stdin: int = subprocess.DEVNULL) -> subprocess.Popen[str]:
         return subprocess.Popen(
             [sys.executable, "-m", "runtime.cli", *map(str, arguments)],
+            stdin=stdin,
             cwd=self.folder,
             env={**os.environ, MARK: self.mark, "COLUMNS": "200"},
             stdout=subprocess.PIPE,

@@ -70,7 +70,12 @@ class Bystander:
 @pytest.fixture(scope="module")
 def robot() -> Iterator[Robot]:
     with Robot("empty") as made:
+        made.look(register, 0, 0)  # makes the controller's process import this module, which takes many cycles
+        begun = made.beat
         yield made
+        beat = made.beat
+        late, cycles = beat.overruns - begun.overruns, beat.cycles - begun.cycles
+        print(f"under attack {late} of {cycles} cycles began a cycle late")  # noqa: T201
 
 
 @pytest.fixture(scope="module")
@@ -220,9 +225,7 @@ def test_after_all_that_it_still_works(robot: Robot, bystander: Bystander) -> No
         link.sendall(b"def fine():\n  write_output_integer_register(5, 77)\nend\n")
         robot.until(register, 5, 77)
     bystander.watch()
-    beat = robot.beat
-    assert beat.cycles > 1000
-    print(f"{beat.cycles} cycles, {beat.overruns} began a cycle late, the longest took {1e3 * beat.longest:.1f} ms")  # noqa: T201
+    assert robot.beat.cycles > 1000
 
 
 def register(box: ControlBox, index: int, value: int) -> bool:
