@@ -67,7 +67,7 @@ def test_holding_warms_the_joints_and_without_power_they_cool(arm: SimulatedArm)
     loads = np.abs(electrics.joint_current)
     assert warm[int(np.argmax(loads))] == max(warm)
     assert all(28.0 <= temperature < 60.0 for temperature in warm)
-    electrics.powered = False
+    electrics.powered = electrics.released = False
     for _ in range(50_000):
         electrics.advance()
     assert all(cool < hot for cool, hot in zip(electrics.joint_temperature, warm, strict=True))
@@ -77,7 +77,8 @@ def test_without_power_no_current_flows(arm: SimulatedArm) -> None:
     electrics = Electrics(arm)
     assert electrics.robot_current > 0.3
     assert 40.0 < electrics.robot_voltage < electrics.main_voltage
-    electrics.powered = False
+    electrics.powered = electrics.released = False
     assert electrics.robot_current == 0.0
     assert list(electrics.joint_current) == [0.0] * 6
+    assert list(electrics.joint_torque) == [0.0] * 6
     assert list(electrics.joint_voltage) == [0.0] * 6

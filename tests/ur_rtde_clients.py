@@ -16,6 +16,7 @@ from robots import PATIENCE, Robot
 from ur_rtde_methods import Watched, interface
 
 from drivers.ur3e import frames
+from drivers.ur3e.arm import NORMAL, PROTECTIVE_STOP
 from drivers.ur3e.control_box.box import ControlBox
 from drivers.ur3e.parameters import GRIPPER
 from drivers.ur3e.workcell import Workcell
@@ -143,6 +144,9 @@ def reset(box: ControlBox) -> bool:
     box.press_emergency_stop(False)
     box.open_safeguard(False)
     box.close_popup()
+    if arm.safety_mode == PROTECTIVE_STOP:
+        arm.safety_mode = NORMAL  # without the 5 s that a client has to wait
+        box.stop()
     box.speed_slider = 1.0
     box.external_sensor, box.external_force_torque = False, None
     arm.setTcp([0.0] * 6)

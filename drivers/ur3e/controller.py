@@ -18,7 +18,7 @@ from drivers.ur3e.compliance import FIXED, Compliance
 from drivers.ur3e.joint_motion import JointBlend, JointMove, JointServo, JointSpeed
 from drivers.ur3e.kinematics import Kinematics, described
 from drivers.ur3e.motion import PathBlend, PathMove, Servo, Speed
-from drivers.ur3e.parameters import CYCLE, JOINTS, RESUME_TIME, STOP_DECELERATION
+from drivers.ur3e.parameters import CYCLE, HALT_DECELERATION, JOINTS, RESUME_TIME, STOP_DECELERATION
 from drivers.ur3e.path import Line, Path, Pose
 from runtime.errors import ArmError
 
@@ -162,10 +162,23 @@ class Controller:
         self.position, self.rotation = self.kinematics.forward(self.q)
 
     def halt(self) -> None:
-        """Drop every motion and stand."""
+        """Drop every motion; what speed there is, is braked away in the cycles that follow."""
         self.motion = self.compliance = None
-        self.qd = [0.0] * 6
-        self._top_speed = 0.0
+
+    def brake(self) -> None:
+        """One cycle of a category 0 stop: the joints slow down together, and stay within their limits."""
+        self._last_qd = self.qd
+        fastest = max(map(abs, self.qd))
+        share = max(0.0, 1.0 - HALT_DECELERATION * CYCLE / fastest) if fastest > 0 else 0.0
+        if share == 0.0:
+            self.qd = [0.0] * 6
+            self._top_speed = 0.0
+            return
+        moved = self.q + np.array(self.qd) * (share * CYCLE)
+        moved = np.clip(moved, [-reach for reach in _REACH], _REACH)
+        self.qd = ((moved - self.q) / CYCLE).tolist()
+        self.q = moved
+        self.position, self.rotation = self.kinematics.forward(moved)
 
     @property
     def qdd(self) -> list[float]:
@@ -190,9 +203,10 @@ class Controller:
             if compliance is not None:
                 compliance.freeze()
             if any(self.qd):
-                self.qd = [0.0] * 6
                 if self.scaling > 0:
-                    self._top_speed = 0.0
+                    self.brake()
+                else:
+                    self.qd = [0.0] * 6
             return
         dt = CYCLE * self.scaling
         if compliance is not None and compliance.kind != FIXED:

@@ -79,7 +79,8 @@ MOVEL_SPEED, MOVEL_ACCELERATION = 0.25, 1.2  # [m/s], [m/s^2]
 
 # Assumed: a UR3 (CB3) halts from full speed in about 160 ms (user manual, stopping times for category 0), which is
 # 20 rad/s^2; a category 2 stop under drive power is taken to be a little gentler.
-STOP_DECELERATION = 15.0  # [rad/s^2] per joint
+HALT_DECELERATION = 20.0  # [rad/s^2] per joint, category 0
+STOP_DECELERATION = 15.0  # [rad/s^2] per joint, categories 1 and 2
 RESUME_TIME = 0.25  # [s] assumed: from standstill to full speed scaling once a stop is over
 
 

@@ -136,8 +136,10 @@ class SimulatedArm:
                 self._drive(permitted)
             compliance = controller.compliance
             controller.step(permitted and not self.held, None if compliance is None else self.wrench)
-            self._target_q[:] = controller.q
-            self._target_qd[:] = controller.qd
+        else:
+            controller.brake()
+        self._target_q[:] = controller.q
+        self._target_qd[:] = controller.qd
         scene = self.scene
         scene.step()
         self.time += CYCLE_NS
@@ -186,11 +188,9 @@ class SimulatedArm:
                 self.protective_stop("force mode deviates further than its limits allow")
 
     def protective_stop(self, reason: str) -> None:
-        """Stop at once, category 0, and stay so until `unlockProtectiveStop`."""
+        """Brake as hard as the joints can, category 0, and stand until `unlockProtectiveStop`."""
         self.end_torque()
         self.controller.halt()
-        self._target_q[:] = self.controller.q
-        self._target_qd[:] = 0.0
         if self.safety_mode != PROTECTIVE_STOP:
             self.safety_mode, self.stop_reason, self._stopped_at = PROTECTIVE_STOP, reason, self.time
             self.stops += 1

@@ -17,7 +17,6 @@ from importlib import import_module
 from types import ModuleType
 from typing import Any
 
-from drivers.ur3e.arm import NORMAL, RUNNING
 from runtime.clock import Stopwatch, pause
 from runtime.errors import ArmError, PluginError
 
@@ -172,11 +171,12 @@ class UrConnection:
             self.version = self._checked_version()
             self.serial: str = self.dashboard.getSerialNumber()
             self._check_remote_control()
+            self._check_safety()
             if power_on:
                 self._power_on()
+            self._check_robot_mode(power_on)
             self.receive = self._open(lambda: modules["rtde_receive"].RTDEReceiveInterface(address, 500.0, _RECIPE))
             self._parts.append(self.receive)
-            self._check_modes(_sample(self.receive), power_on)
             self.io = self._open(lambda: modules["rtde_io"].RTDEIOInterface(address))
             self._parts.append(self.io)
             self.control = self._open(lambda: modules["rtde_control"].RTDEControlInterface(address, 500.0))
@@ -251,17 +251,17 @@ class UrConnection:
                 raise ArmError(f"{self.address} did not power on within {POWER_TIMEOUT:g} s: {mode}")
             pause(0.1)
 
-    def _check_modes(self, sample: Sample, power_on: bool) -> None:
-        if sample.robot_mode != RUNNING:
+    def _check_safety(self) -> None:
+        status: str = self.dashboard.safetystatus()
+        if not status.endswith("NORMAL"):
+            raise ArmError(f"{self.address} is not in normal mode ({status}): clear it on the pendant")
+
+    def _check_robot_mode(self, power_on: bool) -> None:
+        mode: str = self.dashboard.robotmode()
+        if not mode.endswith("RUNNING"):
             hint = "" if power_on else ", or set power_on = true"
             raise ArmError(
-                f"{self.address} is not ready to move (robot mode {sample.robot_mode}): "
-                f"power the arm on and release its brakes{hint}"
-            )
-        if sample.safety_mode != NORMAL:
-            raise ArmError(
-                f"{self.address} is in safety mode {sample.safety_mode}, not in normal mode ({NORMAL}): "
-                f"{self.dashboard.safetystatus()}; clear it on the pendant"
+                f"{self.address} is not ready to move ({mode}): power the arm on and release its brakes{hint}"
             )
 
 

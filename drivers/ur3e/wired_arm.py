@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -37,6 +37,7 @@ class WiredArm(WiredLoop):
 
     _tcp: tuple[float, ...] = (0.0,) * 6
     _payload: tuple[float, tuple[float, ...]] | None = None
+    _followed: Callable[[float], bool] | None = None  # what ends the speed or the pose that the program follows
 
     @property
     def pose(self) -> tuple[frames.Vector, frames.Rotation]:
@@ -70,6 +71,7 @@ class WiredArm(WiredLoop):
         self._restart_program()
 
     def _restart_program(self) -> None:
+        self._followed = None
         self._command(self._wires.control.reuploadScript, "take the control program")
         self._wait(lambda: self._sample.runtime_state == PLAYING, "start the control program", _PROGRAM_START)
         self._command(partial(self._wires.control.setWatchdog, self._watchdog), "set its watchdog")
@@ -106,26 +108,41 @@ class WiredArm(WiredLoop):
 
     def speedL(self, xd: Sequence[float], acceleration: float = 0.25, time: float = 0.0) -> bool:
         """See `Arm`."""
+        self._followed = self.speedStop
         return self._motion(partial(self._wires.control.speedL, list(xd), acceleration, time), "take a speed")
 
     def speedStop(self, a: float = 10.0) -> bool:
         """See `Arm`."""
-        return self._motion(partial(self._wires.control.speedStop, a), "stop")
+        self._followed = None
+        return self._motion(partial(self._wires.control.speedStop, self._brief(a)), "stop")
 
     def stopL(self, a: float = 10.0, asynchronous: bool = False) -> None:
         """See `Arm`."""
-        self._call(partial(self._wires.control.stopL, a, asynchronous))
+        if self._followed is not None:
+            self._followed(a)
+            return
+        before = self._operation()
+        # ur-rtde's synchronous one would brake the joints instead, and feed no watchdog meanwhile.
+        self._call(partial(self._wires.control.stopL, a, True))
+        if not asynchronous:
+            self._finish(before)
 
     def servoL(
         self, pose: Sequence[float], speed: float, acceleration: float, time: float, lookahead_time: float, gain: float
     ) -> bool:
         """See `Arm`."""
+        self._followed = self.servoStop
         servo = partial(self._wires.control.servoL, list(pose), speed, acceleration, time, lookahead_time, gain)
         return self._motion(servo, "follow a pose")
 
     def servoStop(self, a: float = 10.0) -> bool:
         """See `Arm`."""
-        return self._motion(partial(self._wires.control.servoStop, a), "stop")
+        self._followed = None
+        return self._motion(partial(self._wires.control.servoStop, self._brief(a)), "stop")
+
+    def _brief(self, a: float) -> float:
+        """A deceleration [m/s2], harder than `a` if the watchdog would bark before the arm stands."""
+        return max(a, 2.0 * self._watchdog * math.hypot(*self._sample.actual_tcp_speed[:3]))
 
     def forceMode(
         self,

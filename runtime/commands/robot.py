@@ -125,6 +125,8 @@ def _watch(stack: contextlib.ExitStack, cell_file: CellFile, mode: str, argument
     crew = stack.enter_context(Crew())
     path = "robot.rrd" if mode == "save" else ""
     document = redacted(cell_file.document, roles.VIEWER)
+    if arguments.scene == EMPTY:
+        document["board"] = {**document["board"], "holes": []}
     options = {"mode": mode, "path": path}
     crew.start(Assignment(roles.VIEWER, "robot", document, cell_file.name, port, bus.domain, options))
     crew.wait_until_ready(router.wait_for)

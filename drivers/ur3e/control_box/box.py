@@ -18,7 +18,7 @@ from drivers.ur3e import frames
 from drivers.ur3e.arm import GRIPPER_PIN
 from drivers.ur3e.compliance import hand_guided
 from drivers.ur3e.control_box.electrics import Electrics
-from drivers.ur3e.control_box.events import Event, Popup, SafetyModeChanged
+from drivers.ur3e.control_box.events import ErrorCode, Event, Popup, SafetyModeChanged
 from drivers.ur3e.control_box.modes import RobotMode, RuntimeState, SafetyMode
 from drivers.ur3e.control_box.programs import LoadResult, Programs
 from drivers.ur3e.control_box.registers import Registers, Wiring
@@ -33,8 +33,12 @@ SERIAL = "20245300001"
 BOOT_TIME = 60.0  # [s] UR's C++ client waits until a controller has been up for 40 s
 TOOL_OUTPUT = 16  # bit of the tool's first digital output
 TOOL_SPEED_LIMIT = 3.0  # [m/s] assumed: least restricted safety limits
+_PROTECTIVE_STOP = 209  # C209: a protective stop was triggered
 _HISTORY = 1500  # cycles of joint positions that a program can ask for
 _STANDING = 1e-4  # [rad/s]
+# Assumed: PolyScope hears of a program's end this late. ur-rtde stops its script itself and at once asks the dashboard
+# to stop it, and does not bear to hear that there is nothing to stop.
+_NOTICED = 1.0  # [s]
 
 
 class ControlBox:
@@ -52,7 +56,7 @@ class ControlBox:
     ) -> None:
         self.arm = arm
         self.version, self.serial = version, SERIAL
-        self.log = log
+        self.log: Callable[[str], None] = lambda text: log(printable(text))
         self.electrics = Electrics(arm)
         self.registers, self.wiring = Registers(), Wiring()
         self.safety = SafetyBoard(arm)
@@ -134,6 +138,7 @@ class ControlBox:
         arm.controller.slider = self.speed_slider
         arm.held = self.programs.paused
         self.electrics.powered = self.robot_mode >= RobotMode.POWER_ON
+        self.electrics.released = self.robot_mode == RobotMode.RUNNING
         self.electrics.tool_voltage = self.wiring.tool_voltage
         arm.sensor.external = self.external_force_torque if self.external_sensor else None
         try:
@@ -165,6 +170,7 @@ class ControlBox:
         self.events.append(SafetyModeChanged(mode, text))
         self.log(f"safety mode {mode.name.lower().replace('_', ' ')}" + (f": {text}" if text else ""))
         if mode == SafetyMode.PROTECTIVE_STOP:
+            self.events.append(ErrorCode(_PROTECTIVE_STOP, 0, text))
             self.programs.pause()
         elif mode == SafetyMode.ROBOT_EMERGENCY_STOP:
             self.programs.stop()
@@ -231,8 +237,8 @@ class ControlBox:
         return self.programs.pause()
 
     def stop(self) -> bool:
-        """End the program. False if none runs."""
-        return self.programs.stop()
+        """End the program. False if none runs, and the pendant has noticed the end of the last one."""
+        return self.programs.stop() or self.time - self.programs.ended_at < _NOTICED
 
     # What stands on the teach pendant
 
@@ -279,3 +285,8 @@ class ControlBox:
     def steady(self) -> bool:
         """Whether the arm stands."""
         return not any(self.arm.controller.qd) and bool(np.abs(self.arm.getActualQd()).max() < _STANDING)
+
+
+def printable(text: str) -> str:
+    """Text of a client's as one line that a terminal shows and does not obey."""
+    return "".join(character if character.isprintable() else " " for character in text)

@@ -34,14 +34,16 @@ _TOOL_CURRENT = 0.04  # [A] assumed: gripper's electronics, at 12 or 24 V
 
 
 class Electrics:
-    """Of one arm. `powered` is whether the drives are on; without power no current flows."""
+    """Of one arm. `powered` is whether its electronics are on, `released` whether motors hold it instead of brakes."""
 
     def __init__(self, arm: SimulatedArm) -> None:
         self._arm = arm
         self._kinematics = Kinematics()
-        self.powered = True
+        self.powered = self.released = True
         self.tool_voltage = 0  # [V]
         self.joint_temperature: list[float] = [_AMBIENT + _HOUSE] * 6  # (6,) [C]
+        self.energy_consumed = 0.0  # [J] since the start
+        self.energy_braked = 0.0  # [J] that moving joints gave back, turned into heat
         self._cycles = 0
         self._seen: dict[str, tuple[int, Sequence[float]]] = {}
         self._speed: tuple[int, Sequence[float]] = (-1, (0.0,) * 6)  # twist of the cycle before the last that was asked
@@ -51,12 +53,19 @@ class Electrics:
         self._cycles += 1
         if self._cycles % _HEAT_CYCLES:
             return
+        self._count_energy()
         share = -math.expm1(-_HEAT_CYCLES * CYCLE / _TIME_CONSTANT)
         house = _HOUSE if self.powered else 0.0
         self.joint_temperature = [
             t + share * (_AMBIENT + house + _RESISTANCE * a * a - t)
             for t, a in zip(self.joint_temperature, self.joint_current, strict=True)
         ]
+
+    def _count_energy(self) -> None:
+        elapsed = _HEAT_CYCLES * CYCLE
+        self.energy_consumed += elapsed * self.robot_voltage * self.robot_current
+        power = sum(t * w for t, w in zip(self.joint_torque, self._arm.getActualQd(), strict=True))
+        self.energy_braked += elapsed * max(0.0, -power)
 
     def _once(self, name: str, work: Array | Sequence[float]) -> Sequence[float]:
         values: Sequence[float] = work.tolist() if isinstance(work, np.ndarray) else work
@@ -69,7 +78,9 @@ class Electrics:
 
     @property
     def joint_torque(self) -> Sequence[float]:
-        """(6,) [Nm] that the motors give, gravity included."""
+        """(6,) [Nm] that the motors give, gravity included; nothing while the brakes hold the arm."""
+        if not self.released:
+            return (0.0,) * 6
         known = self._known("torque")
         if known is not None:
             return known
@@ -89,16 +100,28 @@ class Electrics:
         return self._once("moment", moment)
 
     @property
+    def wrench_from_currents(self) -> Sequence[float]:
+        """(6,) [N, Nm] on the tool, in base, by the joints' torques alone: what balances those beyond gravity."""
+        known = self._known("wrench")
+        if known is not None:
+            return known
+        arm = self._arm
+        jacobian = arm.controller.kinematics.jacobian()
+        try:
+            wrench = np.linalg.solve(jacobian.T, -np.array(arm.getJointTorques()))
+        except np.linalg.LinAlgError:
+            wrench = np.zeros(6)
+        return self._once("wrench", frames.turn_base_wrench(wrench.tolist()))
+
+    @property
     def joint_current(self) -> Sequence[float]:
         """(6,) [A] measured."""
-        if not self.powered:
-            return (0.0,) * 6
         return [torque / k for torque, k in zip(self.joint_torque, TORQUE_CONSTANT, strict=True)]
 
     @property
     def target_current(self) -> Sequence[float]:
         """(6,) [A] that the commanded motion needs."""
-        if not self.powered:
+        if not self.released:
             return (0.0,) * 6
         return [moment / k for moment, k in zip(self.target_moment, TORQUE_CONSTANT, strict=True)]
 

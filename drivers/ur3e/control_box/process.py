@@ -51,10 +51,6 @@ class _Console:
         except OSError:
             return False
 
-    def log(self, text: str) -> None:
-        """Say what happens."""
-        self.say(log=text)
-
     def insist(self, **what: Any) -> None:
         """Write one line that must arrive; for before and after the control loop."""
         for _ in range(_PATIENCE):
@@ -81,9 +77,10 @@ class _Console:
 class _Reporter:
     """After every cycle: words in, state out."""
 
-    def __init__(self, console: _Console, telemetry: Telemetry | None) -> None:
+    def __init__(self, console: _Console) -> None:
         self._console = console
-        self._telemetry = telemetry
+        self.context: Context | None = None  # where somebody watches on the bus
+        self.telemetry: Telemetry | None = None
         self.server: RobotServer | None = None
 
     def __call__(self) -> None:
@@ -97,8 +94,15 @@ class _Reporter:
                 box.shutdown()
         if cycles % _STATE_CYCLES == 0:
             console.say(state=state_of(server))
-        if self._telemetry is not None:
-            self._telemetry(box.arm)
+        if self.telemetry is not None:
+            self.telemetry(box.arm)
+
+    def log(self, text: str) -> None:
+        """Say what happens, on the bus too."""
+        self._console.say(log=text)
+        if self.context is not None and self.server is not None:
+            self.context.clock.advance(self.server.box.arm.time)
+            self.context.log(text)
 
 
 def state_of(server: RobotServer) -> dict[str, Any]:
@@ -139,16 +143,16 @@ def _serve(order: dict[str, Any], console: _Console) -> None:
     robot = robot_of(cell, order["where"])
     if not isinstance(robot, MujocoUr3e):
         raise InputError(f"{order['where']}: robot = {cell.robot!r} is not simulated; only mujoco_ur3e can be served")
+    reporter = _Reporter(console)
     box = simulated_box(
         robot.setup(),
         cell,
         version=polyscope(order["polyscope"]),
         empty=order["empty"],
-        log=console.log,
+        log=reporter.log,
         programs_folder=Path(order["programs"]) if order["programs"] else None,
     )
     context: Context | None = None
-    telemetry: Telemetry | None = None
     if order["bus_port"]:
         from runtime.zenoh_bus import ZenohBus
 
@@ -157,7 +161,7 @@ def _serve(order: dict[str, Any], console: _Console) -> None:
         telemetry.activity = "robot"
         context.ready()
         telemetry.describe()
-    reporter = _Reporter(console, telemetry)
+        reporter.context, reporter.telemetry = context, telemetry
     server = RobotServer(box, order["host"], after_cycle=reporter)
     reporter.server = server
     signal.signal(signal.SIGTERM, lambda _number, _frame: server.stop())

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from enum import Enum
 from pathlib import Path
@@ -47,6 +48,7 @@ class Programs:
         self.paused = False
         self.name = ""
         self.loaded = ""
+        self.ended_at = -math.inf  # [s] controller time at which the last program ended
         self.watchdog: Watchdog | None = None
         self.spoken: deque[str] = deque(maxlen=200)  # latest text messages
 
@@ -184,6 +186,7 @@ class Programs:
 
     def _finish(self) -> None:
         self._main, self.paused, self.watchdog = None, False, None
+        self.ended_at = self._box.time
         self._robot.after_main()
         self._box.events.append(ProgramStopped(self.name))
         self._box.log(f"program {self.name!r} ended")

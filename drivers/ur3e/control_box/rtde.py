@@ -6,6 +6,7 @@ import struct
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import islice
 from typing import Any
 
 from drivers.ur3e.control_box.box import ControlBox
@@ -30,6 +31,10 @@ _LOWEST = 1.0  # [Hz]
 _VERSIONS = (1, 2)
 _RECIPES = 255  # a recipe's number is one byte
 _UNREAD = 100_000  # [bytes] a client that is so far behind is sent nothing more until it has read
+_PACKAGES = 32  # taken from one client in a control cycle: masses of small ones must not hold up the loop
+_WAITING = 32_768  # [bytes] of packages that may wait for their cycle
+_HEARD = 10  # text messages of one client that are logged in a second
+_TEXT = 255  # [characters] of a text message that are logged
 
 
 class RtdePort:
@@ -96,13 +101,26 @@ class RtdeConversation:
         self._due = 0.0  # packages
         self._started = False
         self._warned = False
+        self._left = _PACKAGES  # to be taken in this cycle
+        self._replies: list[bytes] = []
+        self._second = 0.0  # [s] of the controller, in which text messages are counted
+        self._heard = self._unheard = 0  # text messages logged and left out
 
     def opened(self) -> None:
         """See `Conversation`."""
 
     def received(self, data: bytes) -> None:
-        """See `Conversation`."""
-        for command, payload in self._stream.feed(data):
+        """See `Conversation`. Packages beyond what a control cycle takes wait for the next."""
+        try:
+            self._take(data)
+        finally:
+            if self._replies:  # together, as each time of sending costs
+                self._peer.send(b"".join(self._replies))
+                self._replies.clear()
+
+    def _take(self, data: bytes) -> None:
+        for command, payload in islice(self._stream.feed(data), self._left):
+            self._left -= 1
             act = self._COMMANDS.get(command)
             if act is None:
                 raise PeerError(f"RTDE knows no command {command!r}")
@@ -110,6 +128,8 @@ class RtdeConversation:
                 act(self, payload)
             except struct.error:
                 raise PeerError(f"an RTDE package {command} of {len(payload)} bytes is not what it says") from None
+        if self._stream.waiting > _WAITING:
+            raise PeerError(f"sends more RTDE packages than the {_PACKAGES} that a control cycle takes")
 
     def closed(self) -> None:
         """See `Conversation`."""
@@ -125,13 +145,13 @@ class RtdeConversation:
         accepted = version in _VERSIONS
         if accepted:
             self._version = version
-        self._peer.send(package("V", bytes([accepted])))
+        self._replies.append(package("V", bytes([accepted])))
 
     def _tell_controller(self, payload: bytes) -> None:
         _empty(payload)
         version = self._box.version
         numbers = (version.major, version.minor, version.bugfix, version.build)
-        self._peer.send(package("v", struct.pack(">4I", *numbers)))
+        self._replies.append(package("v", struct.pack(">4I", *numbers)))
 
     def _set_outputs(self, payload: bytes) -> None:
         rate = HIGHEST
@@ -154,7 +174,7 @@ class RtdeConversation:
             self._rate = rate
         answer = ",".join(types).encode()
         number = bytes([usable]) if self._version > 1 else b""  # recipe 0 is none
-        self._peer.send(package("O", number + answer))
+        self._replies.append(package("O", number + answer))
 
     def _set_inputs(self, payload: bytes) -> None:
         names = names_of(payload)
@@ -174,18 +194,18 @@ class RtdeConversation:
             self._inputs.append(_Inputs(layout, counts, input_recipe(names)))
         # A recipe that cannot be used has number 0, and takes none.
         number = bytes([len(self._inputs) if usable else 0])
-        self._peer.send(package("I", number + ",".join(types).encode()))
+        self._replies.append(package("I", number + ",".join(types).encode()))
 
     def _start(self, payload: bytes) -> None:
         _empty(payload)
         self._started = self._layout is not None
         self._due = 1.0
-        self._peer.send(package("S", bytes([self._started])))
+        self._replies.append(package("S", bytes([self._started])))
 
     def _pause(self, payload: bytes) -> None:
         _empty(payload)
         self._started = False
-        self._peer.send(package("P", b"\x01"))
+        self._replies.append(package("P", b"\x01"))
 
     def _take_data(self, payload: bytes) -> None:
         number = payload[0] if payload else 0
@@ -205,12 +225,26 @@ class RtdeConversation:
             self._warned = True
             self._box.log(f"rtde {self._peer.name}: {text}")
         if self._started:
-            self._peer.send(message(text, "RTDE", Level.WARNING, self._version))
+            self._replies.append(message(text, "RTDE", Level.WARNING, self._version))
 
     def _hear_message(self, payload: bytes) -> None:
-        """A client's text: text, source and level with their lengths."""
-        length = payload[0] if payload else 0
-        self._box.log(f"rtde {self._peer.name}: {payload[1 : 1 + length].decode(errors='replace')}")
+        """A client's text. Version 2: text, source and level with their lengths; version 1: level and bare text.
+
+        It becomes one line of the log, whatever it contains, and not too many of them.
+        """
+        now = self._box.time
+        if now - self._second >= 1.0:
+            if self._unheard:
+                self._box.log(f"rtde {self._peer.name}: {self._unheard} more messages were left out")
+            self._second, self._heard, self._unheard = now, 0, 0
+        if self._heard >= _HEARD:
+            self._unheard += 1
+            return
+        self._heard += 1
+        end = 1 + payload[0] if payload and self._version > 1 else len(payload)
+        text = payload[1:end].decode(errors="replace")[:_TEXT]
+        line = "".join(character if character.isprintable() else " " for character in text)
+        self._box.log(f"rtde {self._peer.name}: {line}")
 
     _COMMANDS = {  # noqa: RUF012 - the methods of this class
         "V": _ask_version,
@@ -225,6 +259,9 @@ class RtdeConversation:
 
     def cycle(self) -> None:
         """See `Conversation`."""
+        self._left = _PACKAGES
+        if self._stream.waiting:
+            self.received(b"")
         layout = self._layout
         if not self._started or layout is None:
             return

@@ -5,6 +5,7 @@ Fields that belong together, such as a value and its mask, come in one package a
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -101,7 +102,8 @@ def _store_bits(first: int) -> Apply:
 
 
 def _feel(box: ControlBox, value: tuple[float, ...]) -> None:
-    box.external_force_torque = list(value)
+    if all(map(math.isfinite, value)):  # others would stop the arm with a reason that leads nowhere
+        box.external_force_torque = list(value)
 
 
 def _switch(kind: str) -> Callable[[ControlBox, Mapping[str, Any]], None]:

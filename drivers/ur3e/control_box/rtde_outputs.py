@@ -128,7 +128,7 @@ OUTPUTS: dict[str, Output] = {
     "standard_analog_input1": Output("DOUBLE", lambda box: box.wiring.analog_in[1]),
     "standard_analog_output0": Output("DOUBLE", lambda box: box.wiring.analog_out[0]),
     "standard_analog_output1": Output("DOUBLE", lambda box: box.wiring.analog_out[1]),
-    "io_current": Output("DOUBLE", lambda box: box.electrics.io_current),  # [A]
+    "io_current": Output("DOUBLE", lambda box: 1e3 * box.electrics.io_current),  # [mA]
     # Euromap 67 is an extra board, which this controller has not: all its inputs and outputs are off.
     "euromap67_input_bits": Output("UINT32", lambda _box: 0),
     "euromap67_output_bits": Output("UINT32", lambda _box: 0),
@@ -139,7 +139,7 @@ OUTPUTS: dict[str, Output] = {
     "tool_analog_input0": Output("DOUBLE", lambda box: box.wiring.tool_analog_in[0]),  # [V]
     "tool_analog_input1": Output("DOUBLE", lambda box: box.wiring.tool_analog_in[1]),
     "tool_output_voltage": Output("INT32", lambda box: box.wiring.tool_voltage),  # [V]
-    "tool_output_current": Output("DOUBLE", lambda box: box.electrics.tool_current),  # [A]
+    "tool_output_current": Output("DOUBLE", lambda box: 1e3 * box.electrics.tool_current),  # [mA]
     "tool_temperature": Output("DOUBLE", lambda box: box.electrics.tool_temperature),  # [C]
     "tool_output_mode": Output("UINT8", lambda _box: 0, (5, 2)),  # 0: digital outputs, 1: dual pin power
     "tool_digital_output0_mode": Output("UINT8", lambda _box: 1, (5, 2)),  # 1: sinking
@@ -165,6 +165,14 @@ OUTPUTS: dict[str, Output] = {
     "tcp_offset": Output("VECTOR6D", lambda box: box.arm.tcp_offset, (5, 15)),
     "actual_TCP_acceleration": Output("VECTOR6D", _acceleration, (5, 22)),  # [m/s^2, rad/s^2]
     "target_TCP_acceleration": Output("VECTOR6D", _acceleration, (5, 22)),
+    # The version from which on these exist is assumed.
+    "actual_robot_energy_consumed": Output("DOUBLE", lambda box: box.electrics.energy_consumed, (5, 23)),  # [J]
+    "actual_robot_braking_energy_dissipated": Output("DOUBLE", lambda box: box.electrics.energy_braked, (5, 23)),  # [J]
+    "encoder0_raw": Output("INT32", lambda _box: 0, (5, 23)),  # no conveyor is connected
+    "encoder1_raw": Output("INT32", lambda _box: 0, (5, 23)),
+    "wrench_calc_from_currents": Output("VECTOR6D", lambda box: box.electrics.wrench_from_currents, (5, 23)),
+    "target_gravity": Output("VECTOR3D", lambda box: box.gravity, (5, 23)),  # [m/s^2]
+    "target_base_acceleration": Output("VECTOR6D", lambda _box: (0.0,) * 6, (5, 23)),  # it stands on the floor
     "output_bit_registers0_to_31": Output("UINT32", lambda box: _bits(box.registers.output_bit, 0)),
     "output_bit_registers32_to_63": Output("UINT32", lambda box: _bits(box.registers.output_bit, 32)),
     "input_bit_registers0_to_31": Output("UINT32", lambda box: _bits(box.registers.input_bit, 0)),

@@ -19,7 +19,7 @@ from enum import IntEnum
 from drivers.ur3e.control_box.peer import PeerError
 
 HEADER = struct.Struct(">HB")
-LARGEST = 4096  # [bytes] of a package from a client; UR's guide limits recipes to 2048
+LARGEST = 16384  # [bytes] of a package from a client; UR's guide limits recipes to 2048, its own clients do not
 NOT_FOUND, IN_USE = "NOT_FOUND", "IN_USE"
 
 # Layout of each type, and how many values it has.
@@ -58,9 +58,20 @@ class PackageStream:
     def __init__(self) -> None:
         self._buffer = b""
 
+    @property
+    def waiting(self) -> int:
+        """Bytes that have come and have not been taken as packages yet."""
+        return len(self._buffer)
+
     def feed(self, data: bytes) -> Iterator[tuple[str, bytes]]:
-        """Command and payload of every package that is whole by now. Raises PeerError for an impossible size."""
+        """Command and payload of every package that is whole by now; what is not taken comes with the next call.
+
+        Taking a package raises PeerError if its size is impossible.
+        """
         self._buffer += data
+        return self._whole()
+
+    def _whole(self) -> Iterator[tuple[str, bytes]]:
         while len(self._buffer) >= HEADER.size:
             size, command = HEADER.unpack_from(self._buffer)
             if not HEADER.size <= size <= LARGEST:

@@ -82,6 +82,7 @@ class Robot:
     def after_programs(self) -> None:
         """Every program has had its cycle."""
         self._motion.after_programs()
+        self._sockets.after_programs()
 
     def after_main(self) -> None:
         """The main program is over: what lives no longer than it does ends too."""

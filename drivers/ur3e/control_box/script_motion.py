@@ -205,8 +205,14 @@ class MotionBuiltins:
     # Following and speeds
 
     def _lasting(self, duration: float) -> Cycles:
-        for _ in range(max(1, round(duration / CYCLE))):
+        """Let a time [s] of the path pass: it takes longer while the speed is scaled down, at least a cycle's worth."""
+        left = max(duration, CYCLE)
+        while True:
             yield
+            step = CYCLE * self._controller.scaling
+            left -= step
+            if left < step / 2:
+                return
 
     def servoj(
         self,
@@ -222,7 +228,8 @@ class MotionBuiltins:
             self._coasting = False
             lookahead = min(max(lookahead_time, _LOOKAHEADS[0]), _LOOKAHEADS[1])
             self._controller.set_joint_servo(self._angles(q), lookahead, min(max(gain, _GAINS[0]), _GAINS[1]))
-            yield from self._lasting(t)
+            for _ in range(max(1, round(t / CYCLE))):
+                yield
 
     def servoc(
         self, pose: Sequence[float], a: float = MOVEL_ACCELERATION, v: float = MOVEL_SPEED, r: float = 0

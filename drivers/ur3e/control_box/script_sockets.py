@@ -22,10 +22,12 @@ Cycles: TypeAlias = Generator[None, None, Any]
 _DEFAULT = "socket_0"
 _TIMEOUT = 2.0  # [s] URScript manual
 _CONNECT_TIMEOUT = 2.0  # [s] assumed
+_CONNECTING = 2  # assumed: cycles that a connection takes at least, as over a network, so that the peer has accepted it
 _BUFFER = 1 << 20  # [bytes] kept of what a program has not read
 _AT_ONCE = 1 << 16  # [bytes] read in one go
 _MOST = 30  # integers, bytes or numbers in one read, URScript manual
 _SOCKETS = 20  # open at once
+_READS = 10  # assumed: reads of one socket in a control cycle, so that a client that floods it cannot hold a program up
 _NUMBER = re.compile(rb"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
 
 
@@ -36,6 +38,7 @@ class _Socket:
         self.link = link
         self.buffer = b""
         self.closed = False
+        self.reads = 0  # in this control cycle
 
     def fill(self) -> None:
         """Take in what has arrived."""
@@ -72,6 +75,11 @@ class SocketBuiltins:
     def __init__(self) -> None:
         self._sockets: dict[str, _Socket] = {}
 
+    def after_programs(self) -> None:
+        """Every program has had its cycle."""
+        for link in self._sockets.values():
+            link.reads = 0
+
     def close_all(self) -> None:
         """Hang up everywhere."""
         for name in list(self._sockets):
@@ -95,8 +103,8 @@ class SocketBuiltins:
             begun = link.connect_ex((str(host), int(port)))
             if begun not in (0, errno.EINPROGRESS):
                 return False
-            for _ in range(round(_CONNECT_TIMEOUT / CYCLE)):
-                if _connected(link):
+            for cycle in range(round(_CONNECT_TIMEOUT / CYCLE)):
+                if cycle >= _CONNECTING and _connected(link):
                     made = True
                     break
                 if link.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR):
@@ -139,11 +147,18 @@ class SocketBuiltins:
         """The socket once `ready` says so; None if it does not in time, or the peer has gone. 0: for ever."""
         found = self._sockets.get(name)
         if found is None:
+            yield  # a program that tries again and again must not do so without end in one cycle
             return None
         waited = 0.0
+        while found.reads >= _READS:
+            waited += CYCLE
+            yield
+        found.reads += 1
         found.fill()
         while not ready(found):
             if found.closed or (timeout > 0 and waited >= timeout - CYCLE / 2):
+                if not waited:
+                    yield
                 return None
             waited += CYCLE
             yield
