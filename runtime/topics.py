@@ -61,7 +61,7 @@ TCP_POSE = Topic("/tcp_pose_broadcaster/pose", m.PoseStamped, "arm", "25 Hz", "p
 TF = Topic("/tf", m.TFMessage, "arm", "25 Hz", "poses of the arm's links")
 TF_STATIC = Topic("/tf_static", m.TFMessage, "arm", "once", "poses of what does not move", latched=True)
 ROBOT_DESCRIPTION = Topic("/robot_description", m.String, "arm", "once", "the arm as URDF", latched=True)
-CLOCK = Topic("/clock", m.Clock, "arm", "12.5 Hz, and whenever the arm waits for a permit", "session time")
+CLOCK = Topic("/clock", m.Clock, "arm", "12.5 Hz (50 Hz by wire), and at every wait for a permit", "session time")
 ARM_STATUS = Topic("/arm/status", m.ArmStatus, "arm", "on change", "mode and activity of the arm", latched=True)
 TRACE = Topic("/arm/trace", m.ControlTrace, "arm", "10 Hz", "every 500 Hz control cycle: joints and wrench")
 ATTEMPT = Topic("/attempt", m.Attempt, "arm", "per attempt", "what the arm felt at a candidate")

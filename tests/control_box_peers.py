@@ -93,7 +93,7 @@ class NotingBox:
     def brake_release(self) -> None:
         self.robot_mode = RobotMode.RUNNING
 
-    def unlock_protective_stop(self) -> bool:
+    def unlock_protective_stop(self, at_once: bool = False) -> bool:  # noqa: ARG002
         if self.unlocks:
             self.safety_mode = SafetyMode.NORMAL
         return self.unlocks

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from robots import Robot
-from ur_rtde_clients import FAST, HOME, Cell, clock, connected, push, restored, standing, trail
+from ur_rtde_clients import FAST, HOME, Cell, begin_trail, connected, push, restored, standing, trail
 from ur_rtde_methods import covers
 
 from drivers.ur3e import frames
@@ -122,7 +122,7 @@ def press(cell: Cell, force: float, kind: int = 2, limit: float = 0.02) -> None:
 )
 @covers("RTDEReceiveInterface", getActualTCPForce="what the board does to the part: the force that is pressed with")
 def test_force_mode(cell: Cell) -> None:
-    cell.robot.look(clock)
+    cell.robot.look(begin_trail)
     press(cell, 10.0, limit=4e-3)
     cell.robot.until(presses, 8.0)
     downward = [-cycle["twist"][2] for cycle in cell.robot.look(trail)]
@@ -154,7 +154,7 @@ def test_how_eagerly_force_mode_moves(cell: Cell) -> None:
         assert control.forceModeSetGainScaling(gain)
         assert control.moveL(at(*SPOT, TOP + 0.012), 0.1, 1.0)
         assert control.zeroFtSensor()
-        cell.robot.look(clock)
+        cell.robot.look(begin_trail)
         press(cell, 10.0, limit=0.5)
         cell.robot.until(lower_than, TOP + 0.008)
         speed = max(-cycle["twist"][2] for cycle in cell.robot.look(trail))
@@ -209,7 +209,7 @@ def test_tool_contact(cell: Cell) -> None:
     moveUntilContact="goes down until the part touches the board, and back to where it touched it first",
 )
 def test_moving_until_contact(cell: Cell) -> None:
-    cell.robot.look(clock)
+    cell.robot.look(begin_trail)
     assert cell.control.moveUntilContact([0.0, 0.0, -0.01, 0.0, 0.0, 0.0])
     cell.robot.until(standing)
     assert cell.robot.look(height) == pytest.approx(TOP, abs=3e-4)
@@ -235,10 +235,6 @@ def test_contact_detection(cell: Cell) -> None:
     assert control.stopContactDetection()
     assert control.startContactDetection(DOWN)
     assert not control.stopContactDetection()
-
-
-def speed(box: ControlBox) -> float:
-    return math.hypot(*box.arm.getTargetTCPSpeed()[:3])
 
 
 def away_from(box: ControlBox, start: tuple[float, ...], axis: int, distance: float) -> bool:

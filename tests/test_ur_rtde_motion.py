@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from robots import Robot
-from ur_rtde_clients import FAST, HOME, Cell, clock, connected, joints, restored, standing, tip, trail
+from ur_rtde_clients import FAST, HOME, Cell, begin_trail, connected, joints, restored, standing, tip, trail
 from ur_rtde_methods import covers
 
 from drivers.ur3e import frames
@@ -49,7 +49,7 @@ def place(q: list[float]) -> list[float]:
 
 
 def joint_speed(cycles: Cycles) -> float:
-    return max(max(map(abs, cycle["target_qd"])) for cycle in cycles)
+    return float(np.abs([cycle["target_qd"] for cycle in cycles]).max())
 
 
 def joint_acceleration(cycles: Cycles) -> float:
@@ -92,7 +92,7 @@ def is_at(cell: Cell, target: list[float], tolerance: float = 2e-4) -> bool:
 
 def moved(cell: Cell, motion: Callable[[], object]) -> Cycles:
     """What the arm did in a motion that waits for its end."""
-    cell.robot.look(clock)
+    cell.robot.look(begin_trail)
     assert motion()
     cell.robot.until(standing)
     return cell.robot.look(trail)
@@ -171,7 +171,7 @@ def test_a_path_of_different_moves_and_its_progress(cell: Cell) -> None:
     path.addEntry(entry(entry.MoveL, entry.PositionTcpPose, [*pose(x=0.04, z=0.04), 0.1, 1.0, 0.0]))
     path.addEntry(entry(entry.MoveP, entry.PositionTcpPose, [*pose(z=0.04), 0.1, 1.0, 0.0]))
     control = cell.control
-    cell.robot.look(clock)
+    cell.robot.look(begin_trail)
     assert control.movePath(path, True)
     seen: list[int] = []
 
@@ -209,8 +209,8 @@ def test_stops(cell: Cell) -> None:
     def stopped(stop: Callable[[], None]) -> Cycles:
         assert control.moveL(pose(), 1.0, 5.0)
         assert control.moveL(pose(y=0.15), 0.2, 1.0, True)
-        cell.robot.until(fast, 0.19)
-        cell.robot.look(clock)
+        cell.robot.until(fast, 0.19999)
+        cell.robot.look(begin_trail)
         stop()
         cell.robot.until(standing)
         cycles: Cycles = cell.robot.look(trail)
@@ -247,7 +247,7 @@ def test_servo(cell: Cell) -> None:
     cycles = cell.robot.look(trail)
     assert joint_speed(cycles) < 2.0
     assert control.moveJ(HOME, *FAST)
-    cell.robot.look(clock)
+    cell.robot.look(begin_trail)
     for step in range(150):
         start = control.initPeriod()
         assert control.servoL(pose(y=0.0003 * step), 0.0, 0.0, CYCLE, 0.03, 500.0)
@@ -255,7 +255,7 @@ def test_servo(cell: Cell) -> None:
     cell.robot.until(arrived, pose(y=0.0003 * 149))
     assert control.servoStop(5.0)
     assert is_at(cell, pose(y=0.0003 * 149), 5e-4)
-    assert off_line(cell.robot.look(trail)) < 1e-5
+    assert off_line(cell.robot.look(trail)) < 5e-5
 
 
 def near(box: ControlBox, q: list[float]) -> bool:
@@ -273,7 +273,7 @@ def arrived(box: ControlBox, target: list[float]) -> bool:
 )
 def test_servo_along_a_curve(cell: Cell) -> None:
     control = cell.control
-    cell.robot.look(clock)
+    cell.robot.look(begin_trail)
     assert control.servoC(pose(x=0.04, y=0.04), 0.1, 1.0)
     cell.robot.until(arrived, pose(x=0.04, y=0.04))
     cycles = cell.robot.look(trail)
@@ -293,16 +293,16 @@ def test_servo_along_a_curve(cell: Cell) -> None:
 def test_speeds(cell: Cell) -> None:
     control = cell.control
     speeds = [0.2, 0.0, 0.0, -0.1, 0.0, 0.3]
-    cell.robot.look(clock)
+    cell.robot.look(begin_trail)
     assert control.speedJ(speeds, 2.0)
     cell.robot.until(turning, speeds)
     assert joint_acceleration(cell.robot.look(trail)) == pytest.approx(2.0, rel=0.02)
-    cell.robot.look(clock)
+    cell.robot.look(begin_trail)
     assert control.speedStop(5.0)
     cell.robot.until(standing)
     assert joint_acceleration(cell.robot.look(trail)) == pytest.approx(5.0, rel=0.02)
     twist = [0.0, 0.03, 0.02, 0.0, 0.0, 0.1]
-    cell.robot.look(clock)
+    cell.robot.look(begin_trail)
     assert control.speedL(twist, 0.5)
     cell.robot.until(going, twist)
     cycles = cell.robot.look(trail)

@@ -50,7 +50,7 @@ def moving(cell: Cell, *names: str) -> Sample:
         return bool(receive.getTimestamp() == stamp)
 
     cell.wait(taken)
-    now, before = cell.robot.look(cycle_at, sample["stamp"])
+    now, before = cell.robot.until(cycle_at, sample["stamp"])
     return sample, now, before
 
 
@@ -355,5 +355,3 @@ def test_connection(cell: Cell) -> None:
     assert receive.isConnected()
     assert receive.getTimestamp() > stale
     assert close(receive.getActualQ(), cell.robot.look(joints), 1e-4)
-
-

@@ -83,6 +83,7 @@ def restored(cell: Cell) -> Cell:
     if robot.look(away, HOME) > 1e-9:
         assert control.moveJ(HOME, *FAST)
     robot.until(standing)
+    robot.look(begin_trail)
     cell.in_step()
     return cell
 
@@ -120,21 +121,25 @@ def follow(box: ControlBox) -> None:
 
 
 def clock(box: ControlBox) -> float:
-    """Controller time [s]; the trail begins anew."""
-    _trail.clear()
+    """Controller time [s]."""
     return box.time
 
 
+def begin_trail(box: ControlBox) -> None:
+    """Forget the cycles up to now."""
+    _trail.clear()
+
+
 def trail(box: ControlBox) -> list[dict[str, Any]]:
-    """Every cycle since `clock`."""
+    """Every cycle since `begin_trail`, but not more than 8 s."""
     return list(_trail)
 
 
 def cycle_at(box: ControlBox, timestamp: float) -> list[dict[str, Any]]:
-    """The cycle of a time stamp, and the one before."""
+    """The cycle of a time stamp, and the one before; nothing yet if it has only just been."""
     cycles = list(_trail)
-    index = next(i for i, cycle in enumerate(cycles) if abs(cycle["time"] - timestamp) < 1e-6)
-    return [cycles[index], cycles[index - 1]]
+    found = [index for index, cycle in enumerate(cycles) if abs(cycle["time"] - timestamp) < 1e-6]
+    return [cycles[found[0]], cycles[found[0] - 1]] if found and found[0] else []
 
 
 def reset(box: ControlBox) -> bool:

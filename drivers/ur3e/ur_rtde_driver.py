@@ -45,7 +45,8 @@ class UrRtde:
     The gripper is on tool digital output 0. With `handshake` the cell's controller (a PLC, or the simulated
     controller) is told which part comes next: board number in general purpose input integer register 19, the hole's
     number on the board from 1 in 20, then the search number in 18. It has the part and the board in place, and answers
-    with the search number in output integer register 19; a 0 in 18 takes the question back, and the answer with it.
+    with the search number in output integer register 19. A 0 in 18 takes the question back, and the answer with it: so
+    every session begins, with a board in which nothing is yet.
     Without `handshake` nobody answers: the arm waits `feed_time` before each part, at home if the board is a fresh one,
     for a person or a feeder that needs no word.
 
@@ -149,7 +150,7 @@ class _WiredService(SearchService):
         return str(error) if isinstance(error, ConnectionLostError) else super()._last_words(error)
 
     def _present(self, goal: SearchGoal) -> None:
-        fresh = goal.board != self._board
+        first, fresh = self._board == 0, goal.board != self._board
         if fresh:
             self._do("home")
             self._skill.home()
@@ -160,9 +161,9 @@ class _WiredService(SearchService):
             return
         self._do("waiting for the cell to present a part")
         names = [hole.name for hole in self._context.cell.board.holes]
-        if self._arm.answer == goal.search:  # left over from another session
+        if first:
             self._arm.announce([(_SEARCH, 0)])
-            self._await_cell(lambda answer: answer != goal.search, "take back an old answer")
+            self._await_cell(lambda answer: answer == 0, "take back what it answered to another session")
         self._arm.announce([(_BOARD, goal.board), (_HOLE, names.index(goal.hole) + 1), (_SEARCH, goal.search)])
         self._await_cell(lambda answer: answer == goal.search, f"present a part for search {goal.search}")
 

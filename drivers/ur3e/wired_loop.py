@@ -17,7 +17,7 @@ from typing import Any, TypeVar
 
 from drivers.ur3e.arm import PROTECTIVE_STOP, RUNNING, SAFEGUARD_STOP
 from drivers.ur3e.parameters import CYCLE, CYCLE_NS
-from drivers.ur3e.ur_connection import ConnectionLostError, Sample, UrConnection
+from drivers.ur3e.ur_connection import PLAYING, ConnectionLostError, Sample, UrConnection
 from runtime.clock import Stopwatch, pause
 from runtime.errors import ArmError
 from runtime.messages import NANOSECONDS

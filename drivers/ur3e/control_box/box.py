@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from drivers.ur3e import frames
-from drivers.ur3e.arm import GRIPPER_PIN
+from drivers.ur3e.arm import GRIPPER_PIN, NORMAL
 from drivers.ur3e.compliance import hand_guided
 from drivers.ur3e.control_box.electrics import Electrics
 from drivers.ur3e.control_box.events import ErrorCode, Event, Popup, SafetyModeChanged
@@ -116,7 +116,7 @@ class ControlBox:
 
     @property
     def speed_scaling(self) -> float:
-        """Share 0..1 at which the arm moves of the speed that program and slider ask for: below 1 in and after a stop."""
+        """Share 0..1 of the speed that program and slider ask for at which the arm moves: below 1 in and after a stop."""
         return min(1.0, self.arm.controller.scaling / self.speed_slider) if self.speed_slider > 0 else 1.0
 
     @property
@@ -170,7 +170,7 @@ class ControlBox:
         self.events.append(SafetyModeChanged(mode, text))
         self.log(f"safety mode {mode.name.lower().replace('_', ' ')}" + (f": {text}" if text else ""))
         if mode == SafetyMode.PROTECTIVE_STOP:
-            self.events.append(ErrorCode(_PROTECTIVE_STOP, 0, text))
+            self.events.append(ErrorCode(_PROTECTIVE_STOP, 0, text, warning=True))
             self.programs.pause()
         elif mode == SafetyMode.ROBOT_EMERGENCY_STOP:
             self.programs.stop()
@@ -200,8 +200,10 @@ class ControlBox:
         if not self.safety.emergency:
             self.safety.power.want(RobotMode.RUNNING)
 
-    def unlock_protective_stop(self) -> bool:
-        """Release a protective stop; False within 5 s of its beginning."""
+    def unlock_protective_stop(self, at_once: bool = False) -> bool:
+        """Release a protective stop; False within 5 s of its beginning, unless `at_once`: that wait is PolyScope's."""
+        if at_once and self.safety_mode == SafetyMode.PROTECTIVE_STOP:
+            self.arm.safety_mode = NORMAL
         return self.arm.unlockProtectiveStop()
 
     def restart_safety(self) -> None:

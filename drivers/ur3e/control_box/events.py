@@ -64,6 +64,7 @@ class ErrorCode:
     code: int
     argument: int
     text: str
+    warning: bool = False  # rather than a violation
 
 
 @dataclass(frozen=True)

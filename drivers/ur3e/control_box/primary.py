@@ -268,7 +268,8 @@ def event_message(event: Event, time: float) -> bytes:
     if isinstance(event, TextMessage):
         return _message(time, _SYSTEM, MessageType.TEXT, _encoded(event.text))
     if isinstance(event, ErrorCode):
-        return error_message(event.code, event.argument, ReportLevel.VIOLATION, event.text, time)
+        level = ReportLevel.WARNING if event.warning else ReportLevel.VIOLATION
+        return error_message(event.code, event.argument, level, event.text, time)
     return _popup_message(event, time)
 
 

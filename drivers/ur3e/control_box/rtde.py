@@ -27,6 +27,7 @@ from drivers.ur3e.control_box.rtde_wire import (
 from drivers.ur3e.parameters import CYCLE
 
 HIGHEST = 1 / CYCLE  # [Hz]
+_WHOLE = 1.0 - 1e-9  # of a package that is due, in spite of rounding
 _LOWEST = 1.0  # [Hz]
 _VERSIONS = (1, 2)
 _RECIPES = 255  # a recipe's number is one byte
@@ -199,7 +200,7 @@ class RtdeConversation:
     def _start(self, payload: bytes) -> None:
         _empty(payload)
         self._started = self._layout is not None
-        self._due = 1.0
+        self._due = 1.0 - self._rate / HIGHEST  # the first in the next cycle
         self._replies.append(package("S", bytes([self._started])))
 
     def _pause(self, payload: bytes) -> None:
@@ -266,9 +267,9 @@ class RtdeConversation:
         if not self._started or layout is None:
             return
         self._due += self._rate / HIGHEST
-        if self._due < 1.0:
+        if self._due < _WHOLE:
             return
-        self._due -= int(self._due)
+        self._due -= 1.0
         if self._peer.backlog > _UNREAD:
             return
         values: list[Any] = []

@@ -86,8 +86,8 @@ class MotionBuiltins:
         """
         controller, arm = self._controller, self._arm
         self._coasting = False
-        begin()
         stops = arm.stops
+        begin()
         yield
         while not controller.idle or arm.stops != stops:
             if arm.stops != stops:
@@ -158,8 +158,11 @@ class MotionBuiltins:
             blend = self._coasting
 
             def begin() -> None:
-                start = self._controller.corner if blend else self._controller.commanded
-                self._controller.move_along(path(start), max(v, _LEAST), max(a, _LEAST), t, blend=blend)
+                way = path(self._controller.corner if blend else self._controller.commanded)
+                try:
+                    self._controller.move_along(way, max(v, _LEAST), max(a, _LEAST), t, blend=blend)
+                except ArmError as error:  # a way that the arm cannot go stops it, and leaves the program paused
+                    self._arm.protective_stop(str(error))
 
             yield from self._travel(begin, r)
 

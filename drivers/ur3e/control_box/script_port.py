@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from functools import partial
 from typing import Protocol
 
 from drivers.ur3e.control_box.controller_state import ControllerState
@@ -52,8 +53,8 @@ class PrimaryBox(ControllerState, Protocol):
         """Release the brakes."""
         ...
 
-    def unlock_protective_stop(self) -> bool:
-        """False if it is too early."""
+    def unlock_protective_stop(self, at_once: bool = False) -> bool:
+        """False if it is too early, and not wanted `at_once`."""
         ...
 
     def set_speed_slider(self, fraction: float) -> None:
@@ -88,7 +89,7 @@ class ScriptConversation:
             "power on": box.power_on,
             "power off": box.power_off,
             "set robotmode run": box.brake_release,
-            "set unlock protective stop": box.unlock_protective_stop,
+            "set unlock protective stop": partial(box.unlock_protective_stop, at_once=True),
             "stop program": box.stop,
             "pause program": box.pause,
             "resume program": box.play,

@@ -2,8 +2,9 @@
 
 A client that works through a job says what comes next in general purpose integer registers, as it would tell a feeder
 and a conveyor: 18 the number of the search, 19 that of the board, 20 the hole's place on the board, from 1. The answer
-is the number of the search in output integer register 19, once part and board are there. The part and the hole are then
-the very ones that the cell would meet in one process with the same seed.
+is the number of the search in output integer register 19, once part and board are there. A 0 in 18 takes question and
+answer back; the next board is a fresh one, whatever its number. The part and the hole are the very ones that the cell
+would meet in one process with the same seed.
 
 A client that says nothing finds a part in the feeder whenever the gripper is empty, on one board that is never changed,
 whose holes are where they are.
@@ -50,6 +51,7 @@ class Stage:
         board, number = registers.input_int[BOARD], registers.input_int[HOLE]
         if search <= 0:
             registers.output_int[READY] = 0
+            self.cell.truth = None
             return
         if board < 1 or not 1 <= number <= len(holes):
             box.log(
