@@ -40,6 +40,7 @@ examples:
   palpate robot                                     a UR3e over a board of IGBTs, on 127.0.0.1
   palpate robot --scene empty --rerun web           an arm alone, watched in a browser
   palpate robot --scene my-cell.toml --seed 7 --polyscope 5.26
+  palpate robot --curtain 7447                      stops when the curtain of `palpate launch` does
 
 Any program written for a UR runs against it, such as ur-rtde's RTDEControlInterface("127.0.0.1").
 The ports are UR's own: 29999 dashboard, 30001-30003 scripts, 30004 RTDE.
@@ -131,7 +132,15 @@ def _parser() -> argparse.ArgumentParser:
         default="auto",
         help="follow the arm in Rerun: in a window, in a browser, or saved to robot.rrd; auto: a window if possible",
     )
-    robot.add_argument("--port", type=int, metavar="PORT", help="of the viewer's Zenoh router (default: 7447)")
+    robot.add_argument(
+        "--port", type=int, default=7448, metavar="PORT", help="of the viewer's Zenoh router (default: 7448)"
+    )
+    robot.add_argument(
+        "--curtain",
+        type=int,
+        metavar="PORT",
+        help="wire the light curtain of the cell whose Zenoh router is on this port to the safeguard input",
+    )
 
     replay = _make(commands, "replay", "publish a recorded session on Zenoh again, with its timing")
     replay.add_argument("log", metavar="LOG", help="an .mcap file")

@@ -20,6 +20,7 @@ from rich.live import Live
 from rich.table import Table
 
 from runtime import config, roles
+from runtime.commands.curtain_wire import CurtainWire
 from runtime.commands.launch import viewer_mode
 from runtime.config import CellFile, redacted
 from runtime.crew import Crew
@@ -99,6 +100,9 @@ def robot_command(arguments: argparse.Namespace) -> int:
             "bus_port": port,
         }
         controller = stack.enter_context(_started(module, order))
+        if arguments.curtain is not None:
+            wire = CurtainWire(arguments.curtain, cell_file.cell.bus.domain, controller.tell)
+            stack.callback(wire.close)
         _follow(controller, arguments, console)
     return 0
 
@@ -120,7 +124,7 @@ def _warn_of(host: str, console: Console) -> None:
 def _watch(stack: contextlib.ExitStack, cell_file: CellFile, mode: str, arguments: argparse.Namespace) -> int:
     """Start a router and a viewer on it; tells the router's port."""
     bus = cell_file.cell.bus
-    port = arguments.port or bus.port
+    port: int = arguments.port
     router = stack.enter_context(ZenohRouter(port, bus.domain))
     crew = stack.enter_context(Crew())
     path = "robot.rrd" if mode == "save" else ""

@@ -28,7 +28,7 @@ from runtime.config import Cell, cell_of, robot_of
 from runtime.context import Context
 from runtime.errors import InputError, PalpateError
 
-_INPUT_CYCLES = 10  # between looks at standard input
+_INPUT_CYCLES = 2  # between looks at standard input
 _STATE_CYCLES = round(0.2 / CYCLE)
 _LINE = 10_000  # [bytes] longer than anything an operator says
 _PATIENCE = 1000  # tries to write a line that must arrive

@@ -1,0 +1,62 @@
+"""The wire from a cell's light curtain to a simulated controller's safeguard input, as there is one to a real arm's.
+
+The cell may come and go: the curtain is looked for again and again. Where no cell runs there is no curtain, and the
+input is closed.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+
+from runtime.bus import Envelope
+from runtime.clock import Stopwatch
+from runtime.errors import BusError
+from runtime.topics import OSSD
+from runtime.zenoh_bus import ZenohBus
+
+ROLE = "safeguard_input"
+_RETRY = 0.5  # [s] between looks for a cell
+_SILENCE = 3.0  # [s] without a word from the curtain until its cell counts as gone
+
+
+class CurtainWire:
+    """Listens for the curtain in a thread of its own and says `open` or `close` when the light field changes."""
+
+    def __init__(self, port: int, domain: int, say: Callable[[str], None]) -> None:
+        self._port, self._domain, self._say = port, domain, say
+        self._open = False
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="curtain", daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        """Listen no more."""
+        self._stop.set()
+        self._thread.join()
+
+    def _run(self) -> None:
+        while not self._stop.wait(_RETRY):
+            try:
+                with ZenohBus(ROLE, self._port, self._domain, patience=1.0) as bus:
+                    bus.subscribe(OSSD)
+                    self._listen(bus)
+            except BusError:
+                continue
+            finally:
+                self._set(False)
+
+    def _listen(self, bus: ZenohBus) -> None:
+        """Follow the curtain until it falls silent."""
+        silence = Stopwatch()
+        while not self._stop.is_set() and silence.seconds < _SILENCE:
+            item = bus.inbox.receive(0.1)
+            if isinstance(item, Envelope):
+                silence = Stopwatch()
+                outputs = item.read(OSSD)
+                self._set(not (outputs.channel_1 and outputs.channel_2))
+
+    def _set(self, is_open: bool) -> None:
+        if is_open != self._open:
+            self._open = is_open
+            self._say("safeguard open" if is_open else "safeguard close")
