@@ -262,6 +262,87 @@ def begin_afresh(box: ControlBox) -> None:
     box.arm.moveJ(HOME, 3.0, 10.0)
 
 
+def push(box: ControlBox, wrench: list[float]) -> None:
+    """A hand's wrench (6,) on the gripper, in base_link."""
+    box.arm.scene.push(wrench)
+
+
+def angles(box: ControlBox) -> list[float]:
+    return box.arm.getTargetQ()
+
+
+def speeds(box: ControlBox) -> list[float]:
+    return box.arm.getTargetQd()
+
+
+def pose(box: ControlBox) -> list[float]:
+    """Of the TCP, in UR's base."""
+    return box.arm.getTargetTCPPose()
+
+
+def twist(box: ControlBox) -> list[float]:
+    return box.arm.getTargetTCPSpeed()
+
+
+def is_at(box: ControlBox, q: list[float]) -> bool:
+    return max(abs(a - b) for a, b in zip(angles(box), q, strict=True)) < 1e-3
+
+
+def rises(box: ControlBox, speed: float) -> bool:
+    return abs(twist(box)[2] - speed) < 1e-3
+
+
+def turns(box: ControlBox, joint: int, speed: float) -> bool:
+    return abs(speeds(box)[joint] - speed) < 1e-3
+
+
+def stands(box: ControlBox) -> bool:
+    return box.arm.controller.idle and not any(speeds(box))
+
+
+def rests(box: ControlBox, playing: bool) -> bool:
+    return stands(box) and (box.runtime_state.name == "PLAYING") is playing
+
+
+def displaced(box: ControlBox, axis: int, start: float, least: float) -> bool:
+    return abs(pose(box)[axis] - start) > least
+
+
+def belief(box: ControlBox) -> tuple[object, ...]:
+    """What the program has told the arm: mass, its centre, TCP."""
+    return box.arm.payload[0], list(box.arm.payload[1]), list(box.arm.tcp_offset)
+
+
+def believes(box: ControlBox, *wanted: object) -> bool:
+    return belief(box) == wanted
+
+
+def complies(box: ControlBox, wanted: bool) -> bool:
+    return (box.arm.controller.compliance is not None) is wanted
+
+
+def feels(box: ControlBox, least: float) -> bool:
+    return box.arm.getActualTCPForce()[2] > least
+
+
+def now(box: ControlBox) -> float:
+    return box.time
+
+
+def shown(box: ControlBox) -> tuple[str, str, str, bool] | None:
+    popup = box.popup
+    return None if popup is None else (popup.title, popup.text, popup.kind, popup.blocking)
+
+
+def said(box: ControlBox, text: str) -> bool:
+    return any(text in line for line in box.programs.spoken)
+
+
+def moved(base: Sequence[float], *changes: float) -> list[float]:
+    """The first values of a list changed."""
+    return [a + b for a, b in zip(base, [*changes, *([0.0] * (len(base) - len(changes)))], strict=True)]
+
+
 def filled_in(text: str, version: tuple[int, int, int]) -> str:
     """UR's template with its conditions decided for a PolyScope version, and its placeholders filled in."""
     lines: list[str] = []

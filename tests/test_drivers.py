@@ -4,9 +4,14 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Iterator
+from contextlib import ExitStack
 from dataclasses import dataclass, fields, is_dataclass
+from importlib.util import find_spec
+from typing import Any
 
+import numpy as np
 import pytest
+from robots import Robot
 
 from runtime import config, registry, roles, topics
 from runtime.assembly import goal_for
@@ -17,19 +22,25 @@ from runtime.messages import (
     Belief,
     Candidate,
     Clock,
+    ControlTrace,
     Gaussian,
     Permit,
     Phase,
     Proposal,
     SessionState,
     header,
+    nanoseconds_of,
     stamp_of,
 )
 from runtime.plugin import Driver
 
 PATIENCE = 30.0
 ROLES = {name: roles.CURTAIN if name == roles.CURTAIN else roles.ARM for name in registry.names(registry.DRIVERS)}
-ARMS = [name for name, role in ROLES.items() if role == roles.ARM]
+ON_THE_NETWORK = "ur_rtde"
+LOCKSTEP = [name for name, role in ROLES.items() if role == roles.ARM and name != ON_THE_NETWORK]
+WIRED = pytest.param(
+    ON_THE_NETWORK, marks=pytest.mark.skipif(find_spec("rtde_control") is None, reason="needs ur-rtde")
+)
 OURS = {topic.name for topic in (topics.SESSION, topics.SEARCH_GOAL, topics.CANDIDATE, topics.PERMIT)}
 SECOND = 1_000_000_000
 
@@ -57,6 +68,27 @@ class Stage:
                 return item
         return None
 
+    def ask_for_a_part(self, granted: bool, until: int) -> None:
+        """A search with its first candidate, and the interlock's word on it."""
+        cell = self.context.cell
+        belief = Belief(header(0), cell.board.type, "1", 0, Gaussian(), [])
+        say = self.audience.publisher
+        say(topics.SEARCH_GOAL).send(goal_for(cell, cell.board.holes[0], belief, 1, 1, 0), 0)
+        say(topics.CANDIDATE).send(Candidate(header(0), 1, 1, False, "", Proposal(0.0, 0.0)), 0)
+        self.permit(granted, 0, until)
+
+    def permit(self, granted: bool, since: int, until: int) -> None:
+        word = Permit(header(since), granted, int(granted), "" if granted else "locked", stamp_of(until))
+        self.audience.publisher(topics.PERMIT).send(word, since)
+
+    def traces(self, until: int) -> list[ControlTrace]:
+        """Every control cycle that is told until a session time [ns], or until nothing more is said."""
+        found = []
+        while (envelope := self.hear(timeout=0.5)) is not None and envelope.stamp < until:
+            if envelope.topic == topics.TRACE.name:
+                found.append(envelope.read(topics.TRACE))
+        return found
+
     def end(self) -> None:
         self.context.stop()
         self.thread.join(PATIENCE)
@@ -65,13 +97,22 @@ class Stage:
 
 @pytest.fixture
 def stage(request: pytest.FixtureRequest) -> Iterator[Stage]:
-    role = ROLES[request.param]
+    with ExitStack() as stack:
+        settings: dict[str, Any] = {}
+        if request.param == ON_THE_NETWORK:
+            robot = stack.enter_context(Robot("igbt"))
+            settings = {"address": robot.host, "simulated": True, "watchdog": "2 Hz"}
+        yield from staged(request.param, settings)
+
+
+def staged(name: str, settings: dict[str, Any]) -> Iterator[Stage]:
+    role = ROLES[name]
     cell = config.load("igbt").cell
     exchange = LocalExchange()
     audience = LocalBus(exchange, roles.RECORDER)
     audience.subscribe_all()
     context = Context(role, LocalBus(exchange, role), cell, "test")
-    plugin: Driver = registry.driver(request.param, {}, "test")
+    plugin: Driver = registry.driver(name, settings, "test")
     failure: list[BaseException] = []
 
     def run() -> None:
@@ -90,8 +131,23 @@ def stage(request: pytest.FixtureRequest) -> Iterator[Stage]:
     made.end()
 
 
-every_driver = pytest.mark.parametrize("stage", ROLES, indirect=True)
-every_arm = pytest.mark.parametrize("stage", ARMS, indirect=True)
+every_driver = pytest.mark.parametrize(
+    "stage", [WIRED if name == ON_THE_NETWORK else name for name in ROLES], indirect=True
+)
+every_arm = pytest.mark.parametrize("stage", [*LOCKSTEP, WIRED], indirect=True)
+lockstep_arms = pytest.mark.parametrize("stage", LOCKSTEP, indirect=True)
+wired_arm = pytest.mark.parametrize("stage", [WIRED], indirect=True)
+
+
+def speeds_of(traces: list[ControlTrace]) -> dict[int, float]:
+    """How fast the quickest joint was told to move [rad/s] in cycles that ended at session times [ns]."""
+    found = {}
+    for trace in traces:
+        period = round(trace.period * SECOND)
+        targets = trace.target.reshape(-1, 6)
+        for index, speed in enumerate(np.abs(np.diff(targets, axis=0)).max(axis=1) / trace.period, 1):
+            found[nanoseconds_of(trace.header.stamp) + index * period] = float(speed)
+    return found
 
 
 @pytest.mark.parametrize("name", ROLES)
@@ -130,25 +186,25 @@ def test_without_a_permit_nothing_moves(stage: Stage) -> None:
         envelope = stage.hear()
         assert envelope is not None
         ticked = envelope if envelope.topic == topics.CLOCK.name else None
-    assert ticked.stamp == 0
-    cell = stage.context.cell
-    belief = Belief(header(0), cell.board.type, "1", 0, Gaussian(), [])
-    stage.audience.publisher(topics.SEARCH_GOAL).send(goal_for(cell, cell.board.holes[0], belief, 1, 1, 0), 0)
-    stage.audience.publisher(topics.CANDIDATE).send(Candidate(header(0), 1, 1, False, "", Proposal(0.0, 0.0)), 0)
-    refusal = Permit(header(0), False, 0, "locked", stamp_of(SECOND))
-    stage.audience.publisher(topics.PERMIT).send(refusal, 0)
+    assert ticked.stamp < SECOND // 10
+    stage.ask_for_a_part(granted=False, until=SECOND)
+    assert set(speeds_of(stage.traces(until=SECOND)).values()) <= {0.0}
+
+
+@lockstep_arms
+def test_a_simulation_waits_for_its_permit(stage: Stage) -> None:
+    stage.begin()
+    while (envelope := stage.hear(timeout=0.5)) is not None:
+        assert envelope.stamp == 0
+    stage.ask_for_a_part(granted=False, until=SECOND)
     assert stage.hear(timeout=0.5) is None
 
 
-@every_arm
+@lockstep_arms
 def test_it_moves_no_further_than_its_permit_and_says_when_it_needs_the_next(stage: Stage) -> None:
     stage.begin()
-    cell = stage.context.cell
-    belief = Belief(header(0), cell.board.type, "1", 0, Gaussian(), [])
-    permits = stage.audience.publisher(topics.PERMIT)
-    stage.audience.publisher(topics.SEARCH_GOAL).send(goal_for(cell, cell.board.holes[0], belief, 1, 1, 0), 0)
     granted_until = SECOND // 2
-    permits.send(Permit(header(0), True, 1, "", stamp_of(granted_until)), 0)
+    stage.ask_for_a_part(granted=True, until=granted_until)
     last: Clock | None = None
     stamps = []
     while (envelope := stage.hear(timeout=2.0)) is not None:
@@ -158,7 +214,20 @@ def test_it_moves_no_further_than_its_permit_and_says_when_it_needs_the_next(sta
     assert last is not None
     assert last.clock == stamp_of(granted_until)
     assert max(stamps) == granted_until
-    permits.send(Permit(header(granted_until), True, 1, "", stamp_of(SECOND)), granted_until)
+    stage.permit(True, granted_until, SECOND)
     following = stage.hear()
     assert following is not None
     assert following.stamp > granted_until
+
+
+@wired_arm
+def test_an_arm_on_the_network_stands_soon_after_its_permit_ends_and_goes_on_with_the_next(stage: Stage) -> None:
+    stage.begin()
+    ends = 3 * SECOND // 2
+    stage.ask_for_a_part(granted=True, until=ends)
+    speeds = speeds_of(stage.traces(until=2 * SECOND))
+    assert max(speed for stamp, speed in speeds.items() if stamp <= ends) > 0.1
+    assert {speed for stamp, speed in speeds.items() if stamp > ends + SECOND // 5} == {0.0}
+    stage.permit(True, 2 * SECOND, 4 * SECOND)
+    speeds = speeds_of(stage.traces(until=3 * SECOND))
+    assert max(speeds.values()) > 0.1

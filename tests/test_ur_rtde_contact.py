@@ -157,7 +157,7 @@ def test_how_eagerly_force_mode_moves(cell: Cell) -> None:
         cell.robot.look(begin_trail)
         press(cell, 10.0, limit=0.5)
         cell.robot.until(lower_than, TOP + 0.008)
-        speed = max(-cycle["twist"][2] for cycle in cell.robot.look(trail))
+        speed = float(-np.min([cycle["twist"][2] for cycle in cell.robot.look(trail)]))
         assert control.forceModeStop()
         cell.robot.until(standing)
         return speed

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import logging
 import math
+import re
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any, Protocol, TypeVar
@@ -45,7 +46,10 @@ CENTRE = list(GRIPPER.centre_of_mass)
 class Bench(Protocol):
     """An arm to be tried, and the simulation behind it."""
 
-    arm: Arm
+    @property
+    def arm(self) -> Arm:
+        """The arm under test."""
+        ...
 
     def look(self, function: Callable[..., Result], *arguments: object) -> Result:
         """What a function says of (simulated arm, *arguments)."""
@@ -119,7 +123,8 @@ class WiredBench:
         self.seen.append((self.arm.time, self.arm.safety_mode, self.arm.getSpeedScaling()))
 
     def look(self, function: Callable[..., Result], *arguments: object) -> Result:
-        return self.robot.look(_of_arm, function, *arguments)
+        result: Result = self.robot.look(_of_arm, function, *arguments)
+        return result
 
     def safeguard(self, is_open: bool) -> None:
         self.robot.look(ControlBox.open_safeguard, is_open)
@@ -543,6 +548,23 @@ def test_an_arm_that_hears_nothing_stops_by_itself(wired: WiredBench) -> None:
     assert arm.moveL(pose(*ABOVE))
 
 
+def test_a_program_that_is_started_anew_does_not_obey_what_the_last_one_was_told(wired: WiredBench) -> None:
+    arm = wired.arm
+    assert arm.speedL([0.0, 0.0, -0.01, 0.0, 0.0, 0.0])
+    wired.robot.until(has_no_program)
+    wired.robot.until(lies_still)
+    wait(arm, 0.05)
+    here = arm.getTargetTCPPose()
+    arm.recover()
+    wait(arm, 0.3)
+    assert close(arm.getTargetTCPPose(), here, 1e-6, 1e-6)
+    assert arm.moveL(pose(*ABOVE))
+
+
+def has_no_program(box: ControlBox) -> bool:
+    return box.runtime_state.name == "STOPPED"
+
+
 def lies_still(box: ControlBox) -> bool:
     return box.arm.controller.idle
 
@@ -582,8 +604,8 @@ def test_it_says_why_an_arm_does_not_work() -> None:
         arm.begin_session()
         wait(arm, 0.1)
         robot.kill()
-        with pytest.raises(ConnectionLostError, match=f"connection to {robot.host} lost"):
+        with pytest.raises(ConnectionLostError, match=rf"connection to {re.escape(robot.host)} lost"):
             wait(arm, 5.0)
         arm.close()
-        with pytest.raises(ArmError, match=f"no connection to {robot.host}"):
+        with pytest.raises(ArmError, match=rf"no connection to {re.escape(robot.host)}"):
             UrConnection(robot.host)

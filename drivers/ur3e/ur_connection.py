@@ -187,6 +187,14 @@ class UrConnection:
                 raise
             raise ArmError(f"{address} does not answer as a UR controller does: {error}") from None
 
+    @property
+    def connected(self) -> bool:
+        """Whether all is connected that has been.
+
+        ur-rtde's control interface connects again by itself, each time with one thread more and no end to it.
+        """
+        return bool(self.receive.isConnected() and self.control.isConnected())
+
     def sample(self) -> Sample:
         """The latest control cycle. A cycle that arrives meanwhile does not mix with it."""
         while True:

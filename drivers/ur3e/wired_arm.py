@@ -72,6 +72,9 @@ class WiredArm(WiredLoop):
 
     def _restart_program(self) -> None:
         self._followed = None
+        # The last command still stands in its register, and the new program would obey it; a kick writes 0 there.
+        self._call(self._wires.control.kickWatchdog)
+        self._settle()
         self._command(self._wires.control.reuploadScript, "take the control program")
         self._wait(lambda: self._sample.runtime_state == PLAYING, "start the control program", _PROGRAM_START)
         self._command(partial(self._wires.control.setWatchdog, self._watchdog), "set its watchdog")

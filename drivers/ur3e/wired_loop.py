@@ -139,10 +139,10 @@ class WiredLoop:
         receive, last = self._wires.receive, self._sample.timestamp
         silence = Stopwatch()
         while (now := receive.getTimestamp()) == last:
-            if not receive.isConnected() or silence.seconds > _SILENCE:
+            if not self._wires.connected or silence.seconds > _SILENCE:
                 raise self._lost()
             pause(_POLL)
-        if now < last:  # another controller, or the same one started anew
+        if now < last or not self._wires.connected:  # or another controller, or the same one started anew
             raise self._lost()
         self._sample = self._wires.sample()
 
@@ -171,7 +171,7 @@ class WiredLoop:
     def _feed(self) -> None:
         """Kick the watchdog; not while a command is under way, which a kick would overwrite."""
         due = self._time - self._called >= NANOSECONDS / self._watchdog / 4
-        if due and not self.program_ended and self._wires.caller.idle:
+        if due and self._sample.runtime_state == PLAYING and self._wires.caller.idle:
             self._called = self._time
             self._wires.caller.submit(self._wires.control.kickWatchdog)
 

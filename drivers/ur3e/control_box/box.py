@@ -116,7 +116,7 @@ class ControlBox:
 
     @property
     def speed_scaling(self) -> float:
-        """Share 0..1 of the speed that program and slider ask for at which the arm moves: below 1 in and after a stop."""
+        """Share 0..1 of the speed that program and slider ask for; below 1 in and after a stop."""
         return min(1.0, self.arm.controller.scaling / self.speed_slider) if self.speed_slider > 0 else 1.0
 
     @property
