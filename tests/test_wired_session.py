@@ -62,8 +62,13 @@ def goals_of(path: Path) -> list[SearchGoal]:
         return [goal for _, goal in log.read(topics.SEARCH_GOAL)]
 
 
-def decided(attempt: Attempt) -> tuple[int, int, str, int]:
-    return attempt.search, attempt.number, attempt.hole, attempt.outcome
+def alike(some: list[Attempt], others: list[Attempt]) -> float:
+    """How far [m] candidates differ in attempts that are otherwise the same."""
+    assert len(some) == len(others)
+    for one, other in zip(some, others, strict=True):
+        assert (one.search, one.number, one.hole) == (other.search, other.number, other.hole)
+        assert one.outcome == other.outcome
+    return max(max(abs(one.x - other.x), abs(one.y - other.y)) for one, other in zip(some, others, strict=True))
 
 
 def last_log(folder: Path) -> Path:
@@ -117,10 +122,7 @@ def test_a_board_is_inserted_over_the_wire_as_it_is_in_one_process(tmp_path: Pat
     assert not palpate.processes()
     (there,) = palpate.logs()
     check_complete(there)
-    pairs = list(zip(attempts_of(here), attempts_of(there), strict=True))
-    for one, other in pairs:
-        assert decided(one) == decided(other)
-    difference = max(max(abs(one.x - other.x), abs(one.y - other.y)) for one, other in pairs)
+    difference = alike(attempts_of(here), attempts_of(there))
     assert difference < 50e-6
     with open_log(here) as log, open_log(there) as wired:
         durations = [[result.duration for _, result in file.read(topics.SEARCH_RESULT)] for file in (log, wired)]
@@ -130,7 +132,7 @@ def test_a_board_is_inserted_over_the_wire_as_it_is_in_one_process(tmp_path: Pat
     assert (np.diff(times) > 0).all()
     share = len(times) / ((times[-1] - times[0]) / (2 * MS) + 1)
     assert share > 0.9
-    LOG.info("%d attempts, candidates differ by at most %.1f um", len(pairs), difference * 1e6)
+    LOG.info("%d attempts, candidates differ by at most %.1f um", len(attempts_of(there)), difference * 1e6)
     LOG.info("seconds per part: %.2f in process, %.2f over the wire", *(float(np.mean(each)) for each in durations))
     LOG.info("%.2f%% of the control cycles are in the trace; controller: %s", share * 100, beat)
 
@@ -201,8 +203,7 @@ def test_a_broken_beam_and_the_arms_own_safeguard_stop_it_and_the_same_attempt_g
     log_path = stopped.log
     check_complete(log_path)
     assert [goal.search for goal in goals_of(afresh.log)] == [1]
-    felt = [[(one.x, one.y, one.outcome) for one in attempts_of(path)] for path in (log_path, afresh.log)]
-    assert felt[0] == [(pytest.approx(x, abs=50e-6), pytest.approx(y, abs=50e-6), outcome) for x, y, outcome in felt[1]]
+    assert alike(attempts_of(log_path), attempts_of(afresh.log)) < 50e-6
     with open_log(log_path) as log:
         permits = [permit for _, permit in log.read(topics.PERMIT)]
         statuses = [(stamp, status.safety_mode) for stamp, status in log.read(topics.ARM_STATUS)]

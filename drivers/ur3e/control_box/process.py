@@ -115,7 +115,7 @@ def state_of(server: RobotServer) -> dict[str, Any]:
         "safety_mode": box.safety_mode.name,
         "runtime_state": box.runtime_state.name,
         "program": box.program_name,
-        "speed": round(box.speed_scaling, 3),
+        "speed": round(box.speed_scaling * box.speed_slider, 3),
         "q_deg": [round(angle * 57.29577951308232, 2) for angle in arm.getActualQ()],
         "tcp_mm": [round(1e3 * value, 3) for value in (x, y, z)],
         "tcp_rotation": [round(value, 4) for value in (rx, ry, rz)],
