@@ -304,6 +304,11 @@ def test_it_says_what_the_simulation_knows(bench: Bench) -> None:
     assert arm.isSteady()
 
 
+def test_an_arm_at_rest_needs_no_torque_beyond_what_holds_its_weight(bench: Bench) -> None:
+    assert bench.arm.isSteady()
+    assert max(map(abs, bench.arm.getJointTorques())) < 0.5
+
+
 def test_move_l_arrives_in_a_straight_line(bench: Bench) -> None:
     arm = bench.arm
     target = pose(0.33, -0.05, 0.10, 0.1)

@@ -6,12 +6,14 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 from typing import Any
+
+import numpy as np
 
 from drivers.ur3e import frames
 from drivers.ur3e.arm import NORMAL, PROTECTIVE_STOP
-from drivers.ur3e.kinematics import described
+from drivers.ur3e.kinematics import Kinematics, described
 from drivers.ur3e.parameters import UNLOCK_DELAY
 from drivers.ur3e.ur_connection import PLAYING
 from drivers.ur3e.wired_loop import WiredLoop
@@ -38,6 +40,10 @@ class WiredArm(WiredLoop):
     _tcp: tuple[float, ...] = (0.0,) * 6
     _payload: tuple[float, tuple[float, ...]] | None = None
     _followed: Callable[[float], bool] | None = None  # what ends the speed or the pose that the program follows
+
+    @cached_property
+    def _model(self) -> Kinematics:
+        return Kinematics()
 
     @property
     def pose(self) -> tuple[frames.Vector, frames.Rotation]:
@@ -262,11 +268,13 @@ class WiredArm(WiredLoop):
         return self._sample.raw_wrench
 
     def getJointTorques(self) -> list[float]:
-        """The torques (6,) [Nm] that the controller wants of the joints, those against gravity included.
+        """See `Arm`: what the controller wants of the joints, less what our model of arm and gripper says of gravity.
 
-        Asking the control program for those without would disturb the motion in hand.
+        Asking the control program would disturb the motion in hand.
         """
-        return self._sample.target_moment
+        sample = self._sample
+        gravity = self._model.bias(np.array(sample.target_q), np.zeros(6))
+        return [moment - weight for moment, weight in zip(sample.target_moment, gravity.tolist(), strict=True)]
 
     def getSafetyMode(self) -> int:
         """See `Arm`; 5 also without a permit."""

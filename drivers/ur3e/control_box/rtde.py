@@ -33,7 +33,7 @@ _VERSIONS = (1, 2)
 _RECIPES = 255  # a recipe's number is one byte
 _UNREAD = 100_000  # [bytes] a client that is so far behind is sent nothing more until it has read
 _PACKAGES = 32  # taken from one client in a control cycle: masses of small ones must not hold up the loop
-_WAITING = 32_768  # [bytes] of packages that may wait for their cycle
+_WAITING = 524_288  # [bytes] of packages that may wait for their cycle: several seconds of an honest client's
 _HEARD = 10  # text messages of one client that are logged in a second
 _TEXT = 255  # [characters] of a text message that are logged
 

@@ -56,7 +56,7 @@ class PackageStream:
     """Cuts a stream of bytes into packages."""
 
     def __init__(self) -> None:
-        self._buffer = b""
+        self._buffer = bytearray()
 
     @property
     def waiting(self) -> int:
@@ -78,8 +78,8 @@ class PackageStream:
                 raise PeerError(f"an RTDE package of {size} bytes; from {HEADER.size} to {LARGEST} are accepted")
             if len(self._buffer) < size:
                 return
-            payload = self._buffer[HEADER.size : size]
-            self._buffer = self._buffer[size:]
+            payload = bytes(self._buffer[HEADER.size : size])
+            del self._buffer[:size]
             yield chr(command), payload
 
 
