@@ -17,6 +17,7 @@ from typing import Any
 
 from rich.console import Console
 from rich.live import Live
+from rich.markup import escape
 from rich.table import Table
 
 from runtime import config, roles
@@ -206,9 +207,11 @@ def _table(state: dict[str, Any]) -> Table:
     x, y, z = state["tcp_mm"]
     force = state["force_N"]
     rows = {
-        "controller": f"{state['time']:.1f} s, {state['overruns']} late cycles",
+        "controller": f"{state['time']:.1f} s, {state['overruns']} late cycles"
+        + (", real-time priority" if state["real_time"] else ""),
         "robot": f"{state['robot_mode'].lower()}, safety {state['safety_mode'].lower().replace('_', ' ')}",
         "program": f"{program}, speed {state['speed']:.0%}",
+        "message": escape(state["message"]),
         "joints": "  ".join(f"{angle:7.2f}" for angle in state["q_deg"]) + "  deg",
         "TCP": f"{x:8.2f} {y:8.2f} {z:8.2f}  mm in base",
         "force": f"{force[0]:8.2f} {force[1]:8.2f} {force[2]:8.2f}  N"

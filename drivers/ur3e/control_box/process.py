@@ -14,7 +14,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from drivers.ur3e.control_box.box import ControlBox
+from drivers.ur3e.control_box.box import ControlBox, printable
 from drivers.ur3e.control_box.panel import operate
 from drivers.ur3e.control_box.server import RobotServer
 from drivers.ur3e.control_box.simulation import simulated_box
@@ -115,6 +115,7 @@ def state_of(server: RobotServer) -> dict[str, Any]:
         "safety_mode": box.safety_mode.name,
         "runtime_state": box.runtime_state.name,
         "program": box.program_name,
+        "message": printable(box.programs.spoken[-1][:80]) if box.programs.spoken else "",
         "speed": round(box.speed_scaling * box.speed_slider, 3),
         "q_deg": [round(angle * 57.29577951308232, 2) for angle in arm.getActualQ()],
         "tcp_mm": [round(1e3 * value, 3) for value in (x, y, z)],
@@ -124,6 +125,7 @@ def state_of(server: RobotServer) -> dict[str, Any]:
         "clients": {
             name: server.ports.peers(name) for name in ("rtde", "dashboard", "primary", "secondary", "realtime")
         },
+        "real_time": server.real_time,
         "overruns": server.beat.overruns,
         "cycles": server.beat.cycles,
     }

@@ -10,7 +10,7 @@ import gc
 import os
 import threading
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import partial
 from types import TracebackType
 from typing import Self
@@ -47,7 +47,6 @@ class Beat:
     cycles: int = 0
     overruns: int = 0  # cycles that began later than a whole cycle after they were due
     longest: float = 0.0  # [s] of machine time for one cycle, with its clients
-    wholly_late: float = field(default=0.0)  # [s] the latest beginning of a cycle
 
 
 class RobotServer:
@@ -108,7 +107,6 @@ class RobotServer:
                 late = metronome.wait()
                 if beat.cycles:
                     beat.overruns += late > _LATE
-                    beat.wholly_late = max(beat.wholly_late, late)
                 ports.receive()
                 box.cycle()
                 rtde.cycle()
