@@ -13,6 +13,10 @@ import pytest
 from cells import Palpate
 from robots import PATIENCE, loopback
 
+from runtime.messages import Ossd, header, stamp_of
+from runtime.topics import OSSD
+from runtime.zenoh_bus import ZenohBus, ZenohRouter
+
 
 @pytest.fixture
 def palpate(tmp_path: Path) -> Palpate:
@@ -150,6 +154,28 @@ def test_wrong_input_is_one_line_and_code_2(palpate: Palpate, arguments: tuple[s
 def test_listening_beyond_loopback_is_warned_of(palpate: Palpate) -> None:
     ended = palpate.run("robot", "--rerun", "off", "--host", "198.51.100.7")
     assert "warning: listening on 198.51.100.7" in ended.stdout
+
+
+def test_a_cell_s_light_curtain_is_its_safeguard_input(palpate: Palpate, host: str) -> None:
+    def tell(clear: bool, wanted: str) -> None:
+        """Let the curtain speak, as it does all the time, until the controller is in a safety mode."""
+        deadline = time.monotonic() + PATIENCE
+        while ask(host, "safetymode") != f"Safetymode: {wanted}":
+            assert time.monotonic() < deadline
+            curtain.send(Ossd(header(0), clear, clear, stamp_of(0)), 0)
+
+    process = start(palpate, "--host", host, "--curtain", str(palpate.port))
+    with ZenohRouter(palpate.port), ZenohBus("light_curtain", palpate.port) as bus:
+        curtain = bus.publisher(OSSD)
+        bus.announce()
+        tell(False, "SAFEGUARD_STOP")
+        tell(True, "NORMAL")
+        tell(False, "SAFEGUARD_STOP")
+    wait_for(process, "safeguard input closed")  # by the curtain, and again when its cell has gone
+    wait_for(process, "safeguard input closed")
+    assert ask(host, "safetymode") == "Safetymode: NORMAL"
+    say(process, "quit")
+    assert end(process, palpate) == 0
 
 
 def test_a_viewer_follows_it(palpate: Palpate, host: str) -> None:
