@@ -6,6 +6,7 @@ import re
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from importlib.util import find_spec
 from ipaddress import ip_address
 from typing import Annotated
 
@@ -77,6 +78,8 @@ class UrRtde:
         from drivers.ur3e.reach import unreachable
 
         _check_address(self.address, self.simulated, f"{where}: drivers.ur_rtde")
+        if find_spec("rtde_control") is None:
+            raise CellError(f"{where}: robot = \"ur_rtde\" needs the package ur-rtde: pip install 'palpate[ur]'")
         if cell.safety.deadline < _SHORTEST_PERMIT:
             raise CellError(
                 f"{where}: safety.deadline: a permit that holds {cell.safety.deadline * 1e3:g} ms ends before the next "
