@@ -18,6 +18,7 @@ from runtime.errors import SessionError
 from runtime.roles import CLOSING_ORDER, Assignment
 
 START_TIMEOUT = 120.0  # [s] for all plugins to report; a busy machine imports slowly
+_CRASH = "Fatal Python error: "  # how the trace of a crash begins (faulthandler)
 CLOSE_TIMEOUT = 20.0  # [s] for one plugin to end in good order before it is killed
 
 
@@ -31,9 +32,13 @@ class Process:
 
     @property
     def last_words(self) -> str:
-        """The last line the process wrote to its standard error."""
+        """The last line the process wrote to its standard error; if it crashed, how, and the last line before that."""
         self.errors.seek(0)
         lines = self.errors.read().decode(errors="replace").strip().splitlines()
+        crash = next((index for index, line in enumerate(lines) if line.startswith(_CRASH)), None)
+        if crash is not None:
+            before = f" after: {lines[crash - 1]}" if crash else ""
+            return f"crashed ({lines[crash].removeprefix(_CRASH)}){before}"
         return lines[-1] if lines else f"ended with code {self.popen.returncode}"
 
     def end(self, timeout: float) -> bool:
