@@ -217,6 +217,10 @@ class WiredLoop:
         raise self._refused(what)
 
     def _refused(self, what: str) -> ArmError:
+        """Why a command failed. Raises ConnectionLostError if it is the connection, which shows a moment later."""
+        watch = Stopwatch()
+        while watch.seconds < _SILENCE:
+            self._receive()
         why = "its control program has ended" if self.program_ended else "its control program did not answer"
         return ArmError(f"{self._wires.address} did not {what}: {why}")
 
