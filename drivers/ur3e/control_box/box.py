@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from drivers.ur3e import frames
-from drivers.ur3e.arm import GRIPPER_PIN, NORMAL
+from drivers.ur3e.arm import GRIPPER_PIN
 from drivers.ur3e.compliance import hand_guided
 from drivers.ur3e.control_box.electrics import Electrics
 from drivers.ur3e.control_box.events import ErrorCode, Event, Popup, SafetyModeChanged
@@ -68,7 +68,6 @@ class ControlBox:
         self.popup: Popup | None = None
         self.remote_control = True
         self.operational_mode = "NONE"
-        self.user_role = "none"
         self.external_force_torque: list[float] | None = None  # (6,) [N, Nm] as an RTDE client reports it
         self.external_sensor = False  # whether a program has asked for it in place of the arm's own sensor
         self.gravity = [0.0, 0.0, 9.82]  # [m/s^2] as a program says the arm is mounted
@@ -202,9 +201,7 @@ class ControlBox:
 
     def unlock_protective_stop(self, at_once: bool = False) -> bool:
         """Release a protective stop; False within 5 s of its beginning, unless `at_once`: that wait is PolyScope's."""
-        if at_once and self.safety_mode == SafetyMode.PROTECTIVE_STOP:
-            self.arm.safety_mode = NORMAL
-        return self.arm.unlockProtectiveStop()
+        return self.arm.unlockProtectiveStop(at_once and self.safety_mode == SafetyMode.PROTECTIVE_STOP)
 
     def restart_safety(self) -> None:
         """Begin again with the drives off and every stop forgotten that its cause does not hold up."""

@@ -49,6 +49,10 @@ class Wiring:
         """Switch one digital output, by its bit."""
         self.digital_out = self.digital_out | 1 << bit if on else self.digital_out & ~(1 << bit)
 
+    def drive_analog(self, index: int, share: float) -> None:
+        """Put an analogue output at a share 0..1 of 4-20 mA or of 0-10 V."""
+        self.analog_out[index] = 10.0 * share if self.analog_out_voltage[index] else 0.004 + 0.016 * share
+
     def set_input(self, bit: int, on: bool) -> None:
         """What the world outside puts on one digital input, by its bit."""
         self.digital_in = self.digital_in | 1 << bit if on else self.digital_in & ~(1 << bit)

@@ -134,4 +134,4 @@ def _drive(box: ControlBox, values: Mapping[str, Any]) -> None:
             continue
         if kinds is not None:
             wiring.analog_out_voltage[index] = bool(kinds >> index & 1)
-        wiring.analog_out[index] = 10.0 * share if wiring.analog_out_voltage[index] else 0.004 + 0.016 * share
+        wiring.drive_analog(index, share)

@@ -166,7 +166,7 @@ class IoBuiltins:
         wiring, pin = self._box.wiring, _pin(n, 2, "standard analog output")
         if not 0 <= f <= 1:
             raise ArmError(f"an analog output takes a share from 0 to 1, not {f:g}")
-        wiring.analog_out[pin] = 10.0 * f if wiring.analog_out_voltage[pin] else 0.004 + 0.016 * f
+        wiring.drive_analog(pin, f)
 
     def set_analog_outputdomain(self, port: float, domain: float) -> None:
         """0: 4-20 mA, 1: 0-10 V."""

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from drivers.ur3e import frames
 from drivers.ur3e.control_box.script_motion import joints_of
+from drivers.ur3e.inverse import flange
 from drivers.ur3e.kinematics import Kinematics
 from drivers.ur3e.parameters import CYCLE, JOINTS
 from drivers.ur3e.urscript.values import Pose
@@ -68,12 +69,9 @@ class StateBuiltins:
         self, x: Sequence[float], near: Sequence[float] | None, tcp: Sequence[float] | None
     ) -> list[float] | None:
         if tcp is not None:
-            position, rotation = frames.ros_pose(x)
-            offset = frames.rotation_of_vector(tcp[3:6])
             mine = self._arm.tcp_offset
-            turned = frames.product(rotation, frames.transpose(offset))
-            flange = tuple(a - b for a, b in zip(position, frames.rotate(turned, tcp[:3]), strict=True))
-            tip = tuple(a + b for a, b in zip(flange, frames.rotate(turned, mine[:3]), strict=True))
+            place, turned = flange(*frames.ros_pose(x), tcp[:3], frames.rotation_of_vector(tcp[3:6]))
+            tip = tuple(a + b for a, b in zip(place, frames.rotate(turned, mine[:3]), strict=True))
             x = frames.ur_pose(tip, frames.product(turned, frames.rotation_of_vector(mine[3:])))
         try:
             return self._arm.getInverseKinematics(x, None if near is None else joints_of(near))
