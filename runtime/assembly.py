@@ -22,6 +22,7 @@ from runtime.messages import (
     Ending,
     Outcome,
     Phase,
+    Place,
     Point,
     Pose,
     Quaternion,
@@ -65,8 +66,9 @@ class Assembly:
         if not _wait_for_start(context):
             return
         cell = context.cell
-        past = _ask(context, BeliefRequest(cell.board.holes[0].name, 0, 0)).seats
-        first_board = 1 + max((seat.board for seat in past), default=0)
+        past = _ask(context, BeliefRequest(cell.board.holes[0].name, 0, 0))
+        known = [seat.board for seat in past.seats] + [miss.board for miss in past.misses]
+        first_board = 1 + max(known, default=0)
         last = 0
         for board in range(first_board, first_board + cell.boards):
             for index, hole in enumerate(cell.board.holes):
@@ -107,6 +109,8 @@ def goal_for(cell: Cell, hole: Hole, belief: Belief, board: int, search: int, no
         seed=seed_for(cell.seed, f"search {search}"),
         prior=belief.distribution,
         seats=belief.seats,
+        misses=belief.misses,
+        layout=[Place(place.name, cell.board.x + place.x, cell.board.y + place.y) for place in cell.board.holes],
     )
 
 

@@ -9,6 +9,9 @@ from pydantic import Field
 
 from runtime.quantity import Angle, Duration, Length, NotNegative, Positive
 
+HOLE_RADIUS_LIMIT = 2.0  # standard deviations of a plated hole's radius: wider ones are sorted out by the board's maker
+WIDEST_HOLE = 1.2e-4  # [m] of a plated hole's radius beyond the drawing's: what is left around it is the board
+
 Name = Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9_.-]*$")]
 
 
@@ -52,6 +55,17 @@ class Tolerances:
     part_rotation: Annotated[Angle, NotNegative] = 2e-3  # [rad] of the part in the gripper, drawn for each part
     abnormal_hole: int = 0  # number of the hole, from 1, whose parts scatter more; 0 for none
     abnormal_factor: Annotated[float, Field(ge=1)] = 3.0  # times part_scatter at that hole
+    hole_radius: Annotated[Length, Field(ge=0, le=5e-5)] = (
+        0.0  # [m] of plated holes, drawn for each place of each board
+    )
+    # Not scatter, but errors that a learner's model may not know of:
+    common_error: Annotated[Length, NotNegative] = 0.0  # [m] of all places alike, in one random direction
+    hole_radius_error: Annotated[Length, Field(ge=-1e-4, le=1e-4)] = 0.0  # [m] by which all are wider than drawn
+    scatter_freedom: Annotated[float, NotNegative] = 0.0  # of Student's t for part_scatter; 0: normal
+    drift: Annotated[Length, NotNegative] = 0.0  # [m] of all places from board to board, in one random direction
+    jump: Annotated[Length, NotNegative] = 0.0  # [m] by which one hole moves, in a random direction
+    jump_hole: int = 0  # number of that hole, from 1; 0 for none
+    jump_board: Annotated[int, Field(ge=1)] = 6  # the first board on which it has moved
 
 
 @dataclass(frozen=True)

@@ -56,7 +56,7 @@ class Component:
     grip: float  # [m] from the pin tips to the tips of the gripper's fingers
 
 
-def _discs(component: Component, yaw: float) -> list[tuple[float, float, float]]:
+def _discs(component: Component, yaw: float, wider: float) -> list[tuple[float, float, float]]:
     """Discs (x, y, radius) [m] that all must hold the part's offset for every tip to lie within its hole.
 
     A rectangle lies in a circle if its corners do, a circle of radius a in one of radius b if their centres are no
@@ -67,24 +67,25 @@ def _discs(component: Component, yaw: float) -> list[tuple[float, float, float]]
     for pin, (hole_x, hole_y) in zip(component.pins, component.holes, strict=True):
         half_x, half_y = pin.half_x - pin.chamfer, pin.half_y - pin.chamfer
         if pin.round:
-            points, radius = [(pin.x, pin.y)], component.hole_radius - half_x
+            points, radius = [(pin.x, pin.y)], component.hole_radius + wider - half_x
         else:
             points = [(pin.x + i * half_x, pin.y + j * half_y) for i in (-1, 1) for j in (-1, 1)]
-            radius = component.hole_radius
+            radius = component.hole_radius + wider
         discs += [(hole_x - cosine * x + sine * y, hole_y - sine * x - cosine * y, radius) for x, y in points]
     return discs
 
 
-def clearance(component: Component, direction: float, yaw: float = 0.0) -> float:
+def clearance(component: Component, direction: float, yaw: float = 0.0, wider: float = 0.0) -> float:
     """How far [m] the part can be offset in `direction` before the outline of some pin's tip leaves its hole.
 
     `direction` [rad] is an angle in the component's frame; `yaw` [rad] is how far the part is turned against the hole
-    pattern. 0 if the part does not go in even when it is centred. Exact for rectangular and round pins in round holes;
-    it asks about the tips only, whatever the chamfer then has to slide.
+    pattern, `wider` [m] how much the holes' radius exceeds the drawing's. 0 if the part does not go in even when it is
+    centred. Exact for rectangular and round pins in round holes; it asks about the tips only, whatever the chamfer then
+    has to slide.
     """
     cosine, sine = math.cos(direction), math.sin(direction)
     reach = math.inf
-    for x, y, radius in _discs(component, yaw):
+    for x, y, radius in _discs(component, yaw, wider):
         along, across = x * cosine + y * sine, x * sine - y * cosine
         if radius < 0 or x * x + y * y > radius * radius:
             return 0.0
@@ -92,11 +93,11 @@ def clearance(component: Component, direction: float, yaw: float = 0.0) -> float
     return max(reach, 0.0)
 
 
-def feasible(component: Component, x: float, y: float, yaw: float = 0.0) -> bool:
+def feasible(component: Component, x: float, y: float, yaw: float = 0.0, wider: float = 0.0) -> bool:
     """Whether the tips lie within their holes when the part is off by (x, y) [m] in the component's frame."""
     return all(
         radius >= 0 and math.hypot(x - disc_x, y - disc_y) <= radius
-        for disc_x, disc_y, radius in _discs(component, yaw)
+        for disc_x, disc_y, radius in _discs(component, yaw, wider)
     )
 
 
@@ -110,6 +111,14 @@ def feasible_area(component: Component, yaw: float = 0.0) -> float:
 def feasible_radius(component: Component, yaw: float = 0.0) -> float:
     """Radius [m] of the disc with the area in which the part goes in."""
     return math.sqrt(feasible_area(component, yaw) / math.pi)
+
+
+def clearance_of_pins(component: Component) -> float:
+    """By how much [m] the radius of the holes exceeds that of the circle about the thickest pin, chamfer aside."""
+    return min(
+        component.hole_radius - (pin.half_x if pin.round else math.hypot(pin.half_x, pin.half_y))
+        for pin in component.pins
+    )
 
 
 def _flat(x: float) -> Pin:

@@ -24,9 +24,9 @@ from typing import Annotated, Any
 from pydantic import Field
 
 from runtime import registry
-from runtime.cell import Board, Name, Safety, SearchLimits, Tolerances
+from runtime.cell import HOLE_RADIUS_LIMIT, WIDEST_HOLE, Board, Name, Safety, SearchLimits, Tolerances
 from runtime.clock import parse_rate
-from runtime.component import COMPONENTS
+from runtime.component import COMPONENTS, clearance_of_pins
 from runtime.errors import CellError, InputError, alternatives
 from runtime.plugin import Driver, Strategy
 from runtime.settings import read
@@ -164,10 +164,19 @@ def _check_holes(cell: Cell, where: str) -> None:
                 f"{where}: board.holes: hole {hole.name!r} needs an orientation, such as "
                 f'orientation = "0 deg": {cell.component} is a polar part'
             )
-    if cell.tolerances.abnormal_hole > len(cell.board.holes) or cell.tolerances.abnormal_hole < 0:
+    for key in ("abnormal_hole", "jump_hole"):
+        number = getattr(cell.tolerances, key)
+        if not 0 <= number <= len(cell.board.holes):
+            raise CellError(
+                f"{where}: tolerances.{key}: {number} is no hole's number; "
+                f"write 1 to {len(cell.board.holes)}, or 0 for none"
+            )
+    drawn, spread = cell.tolerances.hole_radius_error, HOLE_RADIUS_LIMIT * cell.tolerances.hole_radius
+    if drawn + spread > WIDEST_HOLE or clearance_of_pins(COMPONENTS[cell.component]) + drawn - spread <= 0:
         raise CellError(
-            f"{where}: tolerances.abnormal_hole: {cell.tolerances.abnormal_hole} is no hole's number; "
-            f"write 1 to {len(cell.board.holes)}, or 0 for none"
+            f"{where}: tolerances.hole_radius: holes would be {1e3 * (drawn - spread):g} to "
+            f"{1e3 * (drawn + spread):g} mm wider than drawn; {cell.component} needs "
+            f"{-1e3 * clearance_of_pins(COMPONENTS[cell.component]):g} to {1e3 * WIDEST_HOLE:g} mm"
         )
 
 

@@ -146,6 +146,41 @@ class Seat:
 
 @message
 @dataclass(frozen=True, slots=True)
+class Waypoint:
+    """A point that slid pins pass: offset from the nominal hole, base_link frame."""
+
+    x: Metres
+    y: Metres
+
+    __msgtype__: ClassVar[str]
+
+
+@message
+@dataclass(frozen=True, slots=True)
+class Miss:
+    """One attempt of an earlier search that found nothing: where that hole was not."""
+
+    board: UInt32
+    hole: Text
+    path: list[Waypoint]  # one point: a peck; more: a slide along them
+
+    __msgtype__: ClassVar[str]
+
+
+@message
+@dataclass(frozen=True, slots=True)
+class Place:
+    """Where a hole is according to the drawing: nominal position, base_link frame."""
+
+    hole: Text
+    x: Metres
+    y: Metres
+
+    __msgtype__: ClassVar[str]
+
+
+@message
+@dataclass(frozen=True, slots=True)
 class SearchGoal:
     """Find one hole for one part. All that a strategy may know."""
 
@@ -161,6 +196,8 @@ class SearchGoal:
     seed: UInt64  # for strategies that draw random numbers
     prior: Gaussian  # the posterior store's belief about this hole; a wide one if nothing is known
     seats: list[Seat]  # every earlier insertion into boards of this type, oldest first
+    misses: list[Miss] = field(default_factory=list)  # attempts of the earlier searches that found nothing
+    layout: list[Place] = field(default_factory=list)  # every hole of the board, this one included
 
     __msgtype__: ClassVar[str]
 
@@ -168,12 +205,13 @@ class SearchGoal:
 @message
 @dataclass(frozen=True, slots=True)
 class Proposal:
-    """The next position to try: what a strategy yields."""
+    """The next position to try, or the next path to slide along: what a strategy yields."""
 
-    x: Metres
+    x: Metres  # where the pins first touch the board
     y: Metres
     probability: Number = math.nan  # of success, as the strategy sees it
     belief: Gaussian = field(default_factory=Gaussian)  # what the strategy believes at this moment
+    path: list[Waypoint] = field(default_factory=list)  # to slide along from (x, y) under light force; none: a peck
 
     __msgtype__: ClassVar[str]
 
@@ -196,14 +234,14 @@ class Candidate:
 @message
 @dataclass(frozen=True, slots=True)
 class Attempt:
-    """What the arm felt at one candidate."""
+    """What the arm felt at one candidate: a peck, or a slide if it had a path."""
 
     header: Header
     search: UInt32
     number: UInt32  # within the search, from 1
     board: UInt32
     hole: Text
-    x: Metres  # commanded offset from nominal
+    x: Metres  # commanded offset from nominal where it ended: of a seated part, where the pins dropped in
     y: Metres
     outcome: UInt8  # an Outcome
     reason: Text
@@ -212,6 +250,7 @@ class Attempt:
     depth: Metres  # of the pin tips below the board's nominal top
     peak_force: Newtons
     duration: Seconds  # from the start of the approach to the end of the retract
+    path: list[Waypoint] = field(default_factory=list)  # commanded: first touch and the points slid along; none: a peck
 
     __msgtype__: ClassVar[str]
 
@@ -261,6 +300,7 @@ class Belief:
     count: UInt32  # insertions the distribution rests on
     distribution: Gaussian
     seats: list[Seat]  # of all holes of the board type, oldest first
+    misses: list[Miss] = field(default_factory=list)  # attempts of searches that found nothing
 
     __msgtype__: ClassVar[str]
 

@@ -40,14 +40,26 @@ class Strategy(Protocol):
 
 
 @dataclass(frozen=True)
+class SearchRecord:
+    """How one search went."""
+
+    board: int  # from 1
+    hole: str
+    seated: bool
+    attempts: int
+    search_time: float  # [s] of all attempts together
+    part_time: float  # [s] from the goal until the part was let go
+    travelled: float  # [m] between the positions of successive attempts
+
+
+@dataclass(frozen=True)
 class BareRun:
     """A job that a simulated arm did by itself: no bus, no log, no other plugin."""
 
     session_time: float  # [s]
     machine_time: float  # [s]
     physics_time: float  # [s] of machine time within the physics engine
-    attempts: int
-    inserted: int
+    searches: tuple[SearchRecord, ...]
 
 
 @dataclass(frozen=True)

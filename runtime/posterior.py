@@ -86,4 +86,5 @@ class _Desk:
         distribution, count = belief_about(
             hole, seats, cell.search.prior_width, session=self.context.session, board=board
         )
-        return Belief(header(self.context.clock.now), cell.board.type, hole, count, distribution, seats)
+        misses = self.store.misses(cell.board.type, cell.component, scope=cell.posterior.scope)
+        return Belief(header(self.context.clock.now), cell.board.type, hole, count, distribution, seats, misses)

@@ -6,6 +6,7 @@ Evidence is only ever added. A board type's evidence is kept apart by `scope`, t
 
 from __future__ import annotations
 
+import json
 import math
 import sqlite3
 import threading
@@ -17,9 +18,9 @@ from typing import Any
 
 from runtime.closing import Closing
 from runtime.errors import InputError, SessionError
-from runtime.messages import Attempt, Ending, Outcome, SearchResult, Seat
+from runtime.messages import Attempt, Ending, Miss, Outcome, SearchResult, Seat, Waypoint
 
-SCHEMA_VERSION = 1
+SCHEMA_VERSION = 2
 _APPLICATION_ID = 0x70616C70  # "palp": tells this file from other programs' databases
 _BUSY = 5.0  # [s] to wait for another connection's write
 
@@ -44,9 +45,11 @@ CREATE TABLE attempt (
     number INTEGER NOT NULL,
     x REAL, y REAL,  -- [m]
     outcome INTEGER NOT NULL,
+    path TEXT,       -- [[x, y], ...] [m] of a slide, JSON; null: a peck
     PRIMARY KEY (search_id, number)
 ) WITHOUT ROWID;
 """
+_MIGRATIONS = {1: "ALTER TABLE attempt ADD COLUMN path TEXT"}  # from each older version to the next
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,6 +64,7 @@ class Tried:
     x: float  # [m] commanded offset from nominal
     y: float  # [m]
     outcome: Outcome
+    path: tuple[tuple[float, float], ...] = ()  # [m] slid along; none: a peck
 
 
 class PosteriorStore(Closing):
@@ -124,8 +128,11 @@ class PosteriorStore(Closing):
             if added.rowcount == 0:
                 return False
             connection.executemany(
-                "INSERT INTO attempt (search_id, number, x, y, outcome) VALUES (?, ?, ?, ?, ?)",
-                [(added.lastrowid, item.number, _null(item.x), _null(item.y), int(item.outcome)) for item in attempts],
+                "INSERT INTO attempt (search_id, number, x, y, outcome, path) VALUES (?, ?, ?, ?, ?, ?)",
+                [
+                    (added.lastrowid, item.number, _null(item.x), _null(item.y), int(item.outcome), _path_text(item))
+                    for item in attempts
+                ],
             )
         return True
 
@@ -144,14 +151,26 @@ class PosteriorStore(Closing):
     def attempts(self, board_type: str, component: str, *, scope: str) -> list[Tried]:
         """Every attempt of every search, failed ones included, oldest first."""
         rows = self._read(
-            "SELECT session, search, board, hole, number, attempt.x, attempt.y, outcome"
+            "SELECT session, search, board, hole, number, attempt.x, attempt.y, outcome, path"
             " FROM search JOIN attempt ON search_id = id"
             " WHERE scope = ? AND board_type = ? AND component = ? ORDER BY id, number",
             (scope, board_type, component),
         )
         return [
-            Tried(session, search, board, hole, number, _number(x), _number(y), Outcome(outcome))
-            for session, search, board, hole, number, x, y, outcome in rows
+            Tried(session, search, board, hole, number, _number(x), _number(y), Outcome(outcome), _path(path))
+            for session, search, board, hole, number, x, y, outcome, path in rows
+        ]
+
+    def misses(self, board_type: str, component: str, *, scope: str) -> list[Miss]:
+        """Every attempt that was blocked in a search that found nothing, oldest first."""
+        rows = self._read(
+            "SELECT board, hole, attempt.x, attempt.y, path FROM search JOIN attempt ON search_id = id"
+            " WHERE scope = ? AND board_type = ? AND component = ? AND ending != ? AND outcome = ? ORDER BY id, number",
+            (scope, board_type, component, int(Ending.INSERTED), int(Outcome.BLOCKED)),
+        )
+        return [
+            Miss(board, hole, [Waypoint(*point) for point in _path(path) or ((_number(x), _number(y)),)])
+            for board, hole, x, y, path in rows
         ]
 
     def forget(self, board_type: str | None = None, *, scope: str | None = None) -> int:
@@ -203,6 +222,8 @@ class PosteriorStore(Closing):
         connection.execute("PRAGMA foreign_keys = ON")
         if version == 0:
             self._create(connection)
+        elif version < SCHEMA_VERSION:
+            self._migrate(connection)
 
     def _create(self, connection: sqlite3.Connection) -> None:
         connection.execute("BEGIN IMMEDIATE")
@@ -212,6 +233,14 @@ class PosteriorStore(Closing):
                     connection.execute(statement)
             connection.execute(f"PRAGMA application_id = {_APPLICATION_ID}")
             connection.execute(f"PRAGMA user_version = {SCHEMA_VERSION}")
+        connection.execute("COMMIT")
+
+    def _migrate(self, connection: sqlite3.Connection) -> None:
+        connection.execute("BEGIN IMMEDIATE")
+        version = connection.execute("PRAGMA user_version").fetchone()[0]  # somebody may have been faster
+        for step in range(version, SCHEMA_VERSION):
+            connection.execute(_MIGRATIONS[step])
+        connection.execute(f"PRAGMA user_version = {SCHEMA_VERSION}")
         connection.execute("COMMIT")
 
     def _move_aside(self) -> Path:
@@ -276,6 +305,14 @@ def _null(value: float) -> float | None:
 
 def _number(value: float | None) -> float:
     return math.nan if value is None else value
+
+
+def _path_text(attempt: Attempt) -> str | None:
+    return json.dumps([(point.x, point.y) for point in attempt.path]) if attempt.path else None
+
+
+def _path(text: str | None) -> tuple[tuple[float, float], ...]:
+    return tuple((x, y) for x, y in json.loads(text)) if text else ()
 
 
 class _DamagedError(Exception):

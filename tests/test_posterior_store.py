@@ -10,13 +10,14 @@ import subprocess
 import sys
 import textwrap
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from search_world import attempt_at, goal_for
 
 from runtime.errors import InputError, SessionError
-from runtime.messages import Attempt, Ending, Outcome, SearchResult, header
+from runtime.messages import Attempt, Ending, Miss, Outcome, SearchResult, Waypoint, header
 from runtime.posterior_store import PosteriorStore, Tried
 
 ROOT = Path(__file__).parent.parent
@@ -75,6 +76,40 @@ def test_failures_are_kept_but_are_no_seats(path: Path) -> None:
         assert store.attempts("driver", "igbt", scope=REAL) == [
             Tried("monday", 1, 1, "h1", 1, 0.0, 0.0, Outcome.BLOCKED)
         ]
+
+
+def test_slides_and_misses_are_kept(path: Path) -> None:
+    slid = [Waypoint(0.0, 0.0), Waypoint(1e-3, -2e-3)]
+    with PosteriorStore(path) as store:
+        peck = tries(1)[0]
+        slide = replace(peck, number=2, path=slid)
+        lost = found(1, ending=Ending.EXHAUSTED)
+        store.record("driver", replace(lost, attempts=2), "monday", [peck, slide], scope=REAL)
+        store.record("driver", found(2), "monday", tries(2), scope=REAL)
+    with PosteriorStore(path) as store:
+        assert store.misses("driver", "igbt", scope=REAL) == [
+            Miss(1, "h1", [Waypoint(peck.x, peck.y)]),
+            Miss(1, "h1", slid),
+        ]
+        assert store.misses("driver", "igbt", scope="elsewhere") == []
+        assert [tried.path for tried in store.attempts("driver", "igbt", scope=REAL)][:2] == [
+            (),
+            ((0.0, 0.0), (1e-3, -2e-3)),
+        ]
+
+
+def test_a_file_of_the_first_format_is_brought_up_to_date(path: Path) -> None:
+    fill(path, 3)
+    with sqlite3.connect(path) as connection:
+        connection.execute("ALTER TABLE attempt DROP COLUMN path")
+        connection.execute("PRAGMA user_version = 1")
+    connection.close()
+    with PosteriorStore(path) as store:
+        assert len(store.seats("driver", "igbt", scope=REAL)) == 3
+        assert store.misses("driver", "igbt", scope=REAL) == []
+    with sqlite3.connect(path) as connection:
+        assert connection.execute("PRAGMA user_version").fetchone()[0] == 2
+    connection.close()
 
 
 def test_recording_a_search_again_changes_nothing(path: Path) -> None:
@@ -246,7 +281,7 @@ def test_threads_of_the_process_share_it(path: Path) -> None:
         assert {seat.board for seat in store.seats("driver", "igbt", scope=REAL)} == {1, 2, 3, 4, 5}
 
 
-@pytest.mark.parametrize("pragma", [("journal_mode", "wal"), ("user_version", 1)])
+@pytest.mark.parametrize("pragma", [("journal_mode", "wal"), ("user_version", 2)])
 def test_file_format(path: Path, pragma: tuple[str, str | int]) -> None:
     fill(path, 1)
     with sqlite3.connect(path) as connection:

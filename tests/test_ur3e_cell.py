@@ -15,9 +15,9 @@ from drivers.ur3e.frames import rotation_of_vector, tool_down, vector_of_quatern
 from drivers.ur3e.parameters import CYCLE_NS
 from drivers.ur3e.simulated_arm import SimulatedArm
 from drivers.ur3e.simulated_cell import SimulatedCell
-from drivers.ur3e.skill import InsertionSkill, Peck, SkillSettings
+from drivers.ur3e.skill import Felt, InsertionSkill, SkillSettings
 from drivers.ur3e.workcell import Workcell
-from drivers.ur3e.world import World
+from runtime.world import World
 from runtime.cell import Board, Hole, Tolerances
 from runtime.component import component
 from runtime.errors import InputError
@@ -85,7 +85,7 @@ def test_the_draws_have_the_spread_of_the_tolerances() -> None:
     assert abnormal == pytest.approx(3 * tolerances.part_scatter, rel=0.1)
 
 
-def insert_board(name: str, orientation: float | None, seed: int) -> list[Peck]:
+def insert_board(name: str, orientation: float | None, seed: int) -> list[Felt]:
     """Nine parts by somebody who knows where the holes are, after two tries beside each of them."""
     part, board = component(name), grid(orientation)
     cell = SimulatedCell(board, part, Tolerances(), seed)

@@ -7,15 +7,15 @@ from typing import Any
 
 import mujoco
 
-from drivers.ur3e.job import attempt_message
+from drivers.ur3e.search_service import attempt_message, touch
 from drivers.ur3e.setup import Setup
-from runtime.assembly import goal_for
-from runtime.belief import belief_about
+from drivers.ur3e.simulated_cell import SimulatedCell
+from drivers.ur3e.skill import InsertionSkill
 from runtime.clock import Stopwatch
-from runtime.config import Cell, redacted_cell, strategy_of
-from runtime.messages import NANOSECONDS, Attempt, Belief, Outcome, Seat, header
-from runtime.plugin import BareRun
-from runtime.strategy_host import SearchSession
+from runtime.config import Cell, strategy_of
+from runtime.messages import NANOSECONDS, Attempt, Candidate, SearchGoal
+from runtime.plain_job import PlainJob
+from runtime.plugin import BareRun, Strategy
 
 
 @dataclass
@@ -31,42 +31,47 @@ class _TimedPhysics:
         self.seconds += self.watch.seconds - begun
 
 
-def bare_run(setup: Setup, cell: Cell) -> BareRun:
-    """Work through the cell's boards from an empty store; tells how long it took and what of it was physics."""
+@dataclass(frozen=True)
+class PhysicsBench:
+    """Parts are tried in holes by the arm of a simulated cell."""
+
+    cell: Cell
+    world: SimulatedCell
+    skill: InsertionSkill
+
+    @property
+    def time(self) -> int:
+        """Session time [ns]."""
+        return self.world.arm.time
+
+    def begin(self, search: int, board: int, hole: str) -> None:
+        """Put board and hole in place and fetch a part."""
+        self.world.begin_search(search, board, hole)
+        if self.world.board_changed:
+            self.skill.home()
+        self.skill.pick()
+
+    def attempt(self, goal: SearchGoal, candidate: Candidate) -> Attempt:
+        """Try a candidate."""
+        felt = touch(self.skill, self.cell.board.hole(goal.hole), candidate.proposal)
+        return attempt_message(goal, candidate, felt, self.time)
+
+    def end(self, seated: bool) -> None:
+        """Let go of the part where it is seated, or over the reject bin."""
+        if seated:
+            self.skill.release()
+        else:
+            self.skill.discard()
+
+
+def bare_run(setup: Setup, cell: Cell, strategy: Strategy | None = None, *, prior: bool = True) -> BareRun:
+    """Work through the cell's boards from an empty store; tells how long it took and what of it was physics.
+
+    `strategy` stands in for the cell's own; without `prior` goals carry no belief.
+    """
     physics = _TimedPhysics()
     world, skill = setup.build(cell, integrate=physics)
-    arm = world.arm
-    decide = redacted_cell(cell, "assembly")
-    session = SearchSession(strategy_of(cell, "cell"))
-    seats: list[Seat] = []
-    attempts = inserted = search = 0
     watch = Stopwatch()
-    for board in range(1, cell.boards + 1):
-        for hole in cell.board.holes:
-            search += 1
-            distribution, count = belief_about(hole.name, seats, cell.search.prior_width, session="bare", board=board)
-            belief = Belief(header(arm.time), cell.board.type, hole.name, count, distribution, list(seats))
-            goal = goal_for(decide, hole, belief, board, search, arm.time)
-            world.begin_search(search, board, hole.name)
-            if world.board_changed:
-                skill.home()
-            skill.pick()
-            candidate = session.begin(goal)
-            attempt: Attempt | None = None
-            while not candidate.exhausted:
-                peck = skill.peck(hole, candidate.proposal.x, candidate.proposal.y)
-                attempt = attempt_message(goal, candidate, peck, arm.time)
-                attempts += 1
-                following = session.observe(attempt)
-                if following is None:
-                    break
-                candidate = following
-            if attempt is not None and attempt.outcome == Outcome.SEATED:
-                skill.release()
-                inserted += 1
-                where, nominal = attempt.pose.position, goal.nominal.position
-                x, y = where.x - nominal.x, where.y - nominal.y
-                seats.append(Seat("bare", board, hole.name, attempt.x, attempt.y, x, y))
-            else:
-                skill.discard()
-    return BareRun(arm.time / NANOSECONDS, watch.seconds, physics.seconds, attempts, inserted)
+    job = PlainJob(cell, strategy or strategy_of(cell, "cell"), PhysicsBench(cell, world, skill), prior)
+    searches = tuple(job.searches())
+    return BareRun(world.arm.time / NANOSECONDS, watch.seconds, physics.seconds, searches)

@@ -11,7 +11,7 @@ from drivers.ur3e.workcell import Workcell
 from runtime.config import Cell
 from runtime.context import Context
 from runtime.errors import CellError
-from runtime.plugin import BareRun, Punctuality
+from runtime.plugin import BareRun, Punctuality, Strategy
 
 if TYPE_CHECKING:
     from drivers.ur3e.setup import Setup
@@ -36,11 +36,14 @@ class MujocoUr3e:
         if beyond:
             raise CellError(f"{where}: {beyond}")
 
-    def bare_run(self, cell: Cell) -> BareRun:
-        """The cell's job without bus, log and other plugins, to measure what those cost."""
+    def bare_run(self, cell: Cell, strategy: Strategy | None = None, *, prior: bool = True) -> BareRun:
+        """The cell's job without bus, log and other plugins: for experiments, and to measure what those cost.
+
+        `strategy` stands in for the cell's own; without `prior` goals carry no belief.
+        """
         from drivers.ur3e.bare_run import bare_run
 
-        return bare_run(self.setup(), cell)
+        return bare_run(self.setup(), cell, strategy, prior=prior)
 
     def punctuality(self, where: str, document: dict[str, Any], seconds: float) -> Punctuality:
         """How well the controller keeps its time on UR's ports of this machine's loopback."""

@@ -8,7 +8,7 @@ from collections import deque
 from drivers.ur3e.search_service import SearchService, attempt_message
 from drivers.ur3e.setup import Setup
 from drivers.ur3e.simulated_cell import SearchTruth
-from drivers.ur3e.skill import Peck
+from drivers.ur3e.skill import Felt
 from runtime import topics
 from runtime.bus import Envelope
 from runtime.clock import Pacer, parse_rate
@@ -56,7 +56,7 @@ class Job(SearchService):
     def _has_part(self) -> bool:
         return self._cell.arm.holding
 
-    def _recover(self, peck: Peck) -> None:
+    def _recover(self, felt: Felt) -> None:
         """A motion that the simulated arm refused leaves it where it was, able to go on; a protective stop ends the
         session with the next motion.
         """

@@ -18,6 +18,7 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 import mujoco
+import numpy as np
 
 from drivers.ur3e.frames import Quaternion, Vector
 from drivers.ur3e.parameters import CYCLE, GRIPPER, JOINTS
@@ -312,6 +313,12 @@ class Scene:
         self._tip = self.workcell.gripper_reach + component.grip
         self._scratch: Any = mujoco.MjData(self.model)
         self._holes = self.model.body("holes").id
+        first_box = int(self.model.body_geomadr[self._holes])
+        self._ring = slice(first_box, first_box + _SIDES * len(component.holes))
+        self._ring_at = self.model.geom_pos[self._ring].copy()  # (boxes, 3) [m]
+        turn = 2 * math.pi / _SIDES * np.arange(_SIDES)
+        outwards = np.stack([np.cos(turn), np.sin(turn), np.zeros(_SIDES)], axis=1)
+        self._outwards = np.tile(outwards, (len(component.holes), 1))  # (boxes, 3)
         self._part, self._pins = self.model.body("part").id, self.model.body("pins").id
         self._mass = {body: float(self.model.body_mass[body]) for body in (self._part, self._pins)}
         self._inertia = {body: self.model.body_inertia[body].copy() for body in (self._part, self._pins)}
@@ -345,8 +352,12 @@ class Scene:
         """Let the surroundings push at the gripper: force (3,) [N] and torque (3,) [Nm] in base_link, until changed."""
         self.data.xfrc_applied[self._gripper] = wrench
 
-    def place_holes(self, x: float, y: float, yaw: float) -> None:
-        """Put the hole pattern that can be touched at (x, y) [m] in base_link, turned by `yaw` [rad]."""
+    def place_holes(self, x: float, y: float, yaw: float, wider: float = 0.0) -> None:
+        """Put the hole pattern that can be touched at (x, y) [m] in base_link, turned by `yaw` [rad].
+
+        `wider` [m] is how much the holes' radius exceeds the drawing's, at most `WIDEST_HOLE`.
+        """
+        self.model.geom_pos[self._ring] = self._ring_at + wider * self._outwards
         self.model.body_pos[self._holes] = (x, y, self.board.z)
         self.model.body_quat[self._holes] = (math.cos(yaw / 2), 0.0, 0.0, math.sin(yaw / 2))
 

@@ -9,14 +9,14 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections import deque
 
-from drivers.ur3e.skill import InsertionSkill, Peck
+from drivers.ur3e.skill import Felt, InsertionSkill
 from drivers.ur3e.telemetry import ObservedArm, Telemetry, pose_of, wrench_of
 from runtime import topics
 from runtime.bus import Envelope
 from runtime.cell import Hole
 from runtime.context import Context
 from runtime.errors import ArmError, SessionError
-from runtime.messages import BASE_FRAME, Attempt, Candidate, Outcome, Phase, SearchGoal, header
+from runtime.messages import BASE_FRAME, Attempt, Candidate, Outcome, Phase, Proposal, SearchGoal, Waypoint, header
 from runtime.topics import MessageT, Topic
 
 
@@ -66,7 +66,7 @@ class SearchService(ABC):
         """Whether the gripper has a part, as far as that can be known."""
 
     @abstractmethod
-    def _recover(self, peck: Peck) -> None:
+    def _recover(self, felt: Felt) -> None:
         """Make the arm able to go on after an aborted attempt. Raises ArmError where that is not safe."""
 
     def run(self) -> None:
@@ -144,37 +144,50 @@ class SearchService(ABC):
         return False
 
     def _attempt(self, goal: SearchGoal, hole: Hole, candidate: Candidate) -> bool:
-        """Peck at a candidate, let go of the part if it is seated, tell what was felt. Whether it is seated."""
+        """Try a candidate, let go of the part if it is seated, tell what was felt. Whether it is seated."""
         self._do(f"board {goal.board} hole {goal.hole}: attempt {candidate.number}")
-        peck = self._skill.peck(hole, candidate.proposal.x, candidate.proposal.y)
+        felt = touch(self._skill, hole, candidate.proposal)
         ended = self._arm.time
-        if peck.outcome is Outcome.SEATED:
+        if felt.outcome is Outcome.SEATED:
             self._do("release")
             self._skill.release()
-        self._attempts.send(attempt_message(goal, candidate, peck, ended), self._arm.time)
-        if peck.outcome is Outcome.ABORTED:
-            self._recover(peck)
-        return peck.outcome is Outcome.SEATED
+        self._attempts.send(attempt_message(goal, candidate, felt, ended), self._arm.time)
+        if felt.outcome is Outcome.ABORTED:
+            self._recover(felt)
+        return felt.outcome is Outcome.SEATED
 
     def _do(self, activity: str) -> None:
         self._telemetry.activity = activity
 
 
-def attempt_message(goal: SearchGoal, candidate: Candidate, peck: Peck, ended: int) -> Attempt:
-    """What was felt, as a message; the peck ended at session time `ended` [ns]."""
+def touch(skill: InsertionSkill, hole: Hole, proposal: Proposal) -> Felt:
+    """Do what a strategy proposes: a slide if it gives a path, else a peck."""
+    if not proposal.path:
+        return skill.peck(hole, proposal.x, proposal.y)
+    return skill.slide(hole, _points(proposal))
+
+
+def attempt_message(goal: SearchGoal, candidate: Candidate, felt: Felt, ended: int) -> Attempt:
+    """What was felt, as a message; the attempt ended at session time `ended` [ns]."""
+    proposal = candidate.proposal
     return Attempt(
         header=header(ended, BASE_FRAME),
         search=goal.search,
         number=candidate.number,
         board=goal.board,
         hole=goal.hole,
-        x=candidate.proposal.x,
-        y=candidate.proposal.y,
-        outcome=peck.outcome,
-        reason=peck.reason,
-        pose=pose_of(peck.tcp_position, peck.tcp_quaternion),
-        wrench=wrench_of(peck.wrench),
-        depth=peck.depth,
-        peak_force=peck.peak_force,
-        duration=peck.duration,
+        x=felt.x,
+        y=felt.y,
+        outcome=felt.outcome,
+        reason=felt.reason,
+        pose=pose_of(felt.tcp_position, felt.tcp_quaternion),
+        wrench=wrench_of(felt.wrench),
+        depth=felt.depth,
+        peak_force=felt.peak_force,
+        duration=felt.duration,
+        path=[Waypoint(x, y) for x, y in _points(proposal)] if proposal.path else [],
     )
+
+
+def _points(proposal: Proposal) -> list[tuple[float, float]]:
+    return [(proposal.x, proposal.y), *((point.x, point.y) for point in proposal.path)]

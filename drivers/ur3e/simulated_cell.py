@@ -12,10 +12,10 @@ from drivers.ur3e.frames import tool_down, unrotate
 from drivers.ur3e.scene import Fidelity, Scene
 from drivers.ur3e.simulated_arm import SimulatedArm
 from drivers.ur3e.workcell import Workcell
-from drivers.ur3e.world import HoleTruth, PartTruth, World
 from runtime.cell import Board, Tolerances
 from runtime.component import Component
 from runtime.errors import InputError
+from runtime.world import HoleTruth, PartTruth, World
 
 
 @dataclass(frozen=True)
@@ -77,7 +77,7 @@ class SimulatedCell:
         board = self.scene.board
         nominal, hole = board.hole(hole_name), self.world.hole(board_number, hole_name)
         yaw = (nominal.orientation or 0.0) + hole.yaw
-        self.scene.place_holes(board.x + nominal.x + hole.x, board.y + nominal.y + hole.y, yaw)
+        self.scene.place_holes(board.x + nominal.x + hole.x, board.y + nominal.y + hole.y, yaw, hole.wider)
         return hole
 
     def present_part(self, search_number: int, hole_name: str) -> PartTruth:

@@ -15,7 +15,7 @@ from pydantic import Field
 from drivers.ur3e.arm import PROTECTIVE_STOP
 from drivers.ur3e.real_time_gate import RealTimeGate
 from drivers.ur3e.search_service import SearchService
-from drivers.ur3e.skill import InsertionSkill, Peck, SkillSettings
+from drivers.ur3e.skill import Felt, InsertionSkill, SkillSettings
 from drivers.ur3e.ur_connection import ANSWER_REGISTER, ConnectionLostError, UrConnection
 from drivers.ur3e.wired_arm import WiredArm
 from drivers.ur3e.workcell import Workcell
@@ -189,7 +189,7 @@ class _WiredService(SearchService):
     def _has_part(self) -> bool:
         return True  # the gripper does not tell; a peck without a part ends at depth and counts as seated
 
-    def _recover(self, peck: Peck) -> None:
+    def _recover(self, felt: Felt) -> None:
         """Release a protective stop met at the board, have the control program again, and go straight up."""
         arm, context = self._arm, self._context
         protective = arm.safety_mode == PROTECTIVE_STOP
@@ -200,12 +200,12 @@ class _WiredService(SearchService):
             if self._protective_stops > self._settings.protective_stops:
                 raise ArmError(
                     f"{self._protective_stops} protective stops in this session, "
-                    f"{self._settings.protective_stops} are allowed: {peck.reason}"
+                    f"{self._settings.protective_stops} are allowed: {felt.reason}"
                 )
-            if peck.tcp_position[2] > context.cell.board.z + self._settings.workcell.approach_height + _NEAR_BOARD:
-                raise ArmError(f"{peck.reason}, away from the board; look what was hit, and release the stop by hand")
+            if felt.tcp_position[2] > context.cell.board.z + self._settings.workcell.approach_height + _NEAR_BOARD:
+                raise ArmError(f"{felt.reason}, away from the board; look what was hit, and release the stop by hand")
         self._do("recover")
-        context.log(f"{peck.reason}: recovering")
+        context.log(f"{felt.reason}: recovering")
         arm.recover()
         pose = arm.getActualTCPPose()
         pose[2] = max(pose[2], context.cell.board.z + self._settings.workcell.clearance_height)

@@ -46,14 +46,15 @@ def bench_sim(arguments: argparse.Namespace) -> dict[str, float]:
     with tempfile.TemporaryDirectory() as folder:
         session = launch(Order(cell_file, Path(folder), fresh=True), lambda _progress: None)
     inserted = sum(result.ending == Ending.INSERTED for result in session.results)
-    if (inserted, sum(result.attempts for result in session.results)) != (bare.inserted, bare.attempts):
+    done = [(result.hole, result.ending == Ending.INSERTED, result.attempts) for result in session.results]
+    if done != [(search.hole, search.seated, search.attempts) for search in bare.searches]:
         raise SessionError("the bare loop and the cell did not do the same job: their decisions differ")
     figures = {
         "rtf_physics": bare.session_time / bare.physics_time,
         "rtf_controller": bare.session_time / bare.machine_time,
         "rtf_cell": session.duration / session.machine_time,
         "session_time_s": session.duration,
-        "attempts": float(bare.attempts),
+        "attempts": float(sum(search.attempts for search in bare.searches)),
         "inserted": float(inserted),
     }
     _show(figures, f"{cell_file.name}, {cell.strategy}, seed {cell.seed}")

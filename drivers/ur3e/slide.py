@@ -1,0 +1,170 @@
+"""Sliding: pins held on the board by a light force follow a path until they drop in, and are then pushed home.
+
+Force mode presses along z while `speedL` moves across: the axes that are not compliant follow the program's motion
+(URScript manual, force_mode), and ur-rtde runs both in threads of their own. Once the pins have sunk in, the roles are
+exchanged: x and y give way, so that the chamfers can pull the part over its holes, and `speedL` goes down until depth
+or contact, as in a peck. How deep that came decides, never the drop.
+"""
+
+from __future__ import annotations
+
+import math
+from bisect import bisect_right
+from collections.abc import Sequence
+
+from drivers.ur3e import frames
+from drivers.ur3e.arm import Arm
+from drivers.ur3e.touch import SkillSettings, Touch
+from runtime.errors import InputError
+from runtime.messages import Outcome
+
+_ACCELERATION = 2.0  # [m/s2] across; a corner is rounded by 6 um at 5 mm/s
+_RETURN = 0.02  # [s] in which a deviation from the path is taken back
+_YIELD = 0.02  # [m/s] at most along compliant axes
+_DEVIATION = (5e-3, 0.1)  # [m], [rad] along the others: the lateral force ends the slide long before
+_AGAIN = 0.1e-3  # [m] pins caught twice within it are stuck
+_GRACE = 1.0  # [s] a motion may take longer than its distance and speed say
+
+
+class Polyline:
+    """A path of straight lines through points [m]."""
+
+    def __init__(self, points: Sequence[tuple[float, float]]) -> None:
+        """Raises InputError if there is no point."""
+        if not points:
+            raise InputError("a slide needs a path of at least one point")
+        self.points = [(float(x), float(y)) for x, y in points]
+        self._starts = [0.0]  # [m] along the path at which each point is
+        for (ax, ay), (bx, by) in zip(self.points, self.points[1:], strict=False):
+            self._starts.append(self._starts[-1] + math.hypot(bx - ax, by - ay))
+
+    @property
+    def length(self) -> float:
+        """[m]"""
+        return self._starts[-1]
+
+    def at(self, travelled: float) -> tuple[float, float]:
+        """The point [m] that far [m] along the path, or its nearest end."""
+        index = min(max(bisect_right(self._starts, travelled) - 1, 0), len(self.points) - 1)
+        if index == len(self.points) - 1:
+            return self.points[-1]
+        (x, y), (dx, dy) = self.points[index], self.direction(travelled)
+        along = max(travelled - self._starts[index], 0.0)
+        return x + along * dx, y + along * dy
+
+    def direction(self, travelled: float) -> tuple[float, float]:
+        """Unit vector of the way on from there; that of the last line at the end, zero for a path without length."""
+        index = bisect_right(self._starts, max(travelled, 0.0)) - 1
+        while index >= len(self.points) - 1 or self._starts[index + 1] == self._starts[index]:
+            index -= 1
+            if index < 0:
+                return 0.0, 0.0
+        (ax, ay), (bx, by) = self.points[index], self.points[index + 1]
+        length = self._starts[index + 1] - self._starts[index]
+        return (bx - ax) / length, (by - ay) / length
+
+    def progress(self, x: float, y: float, travelled: float) -> float:
+        """How far [m] along the path somebody at (x, y) [m] is who was at `travelled`: never back, and no corner cut.
+
+        From line to line: the projection onto the present one, and beyond its end that onto the next.
+        """
+        while travelled < self.length:
+            (px, py), (dx, dy) = self.at(travelled), self.direction(travelled)
+            end = self._starts[bisect_right(self._starts, travelled)]
+            along = travelled + (x - px) * dx + (y - py) * dy
+            if along < end:
+                return max(travelled, along)
+            travelled = end
+        return travelled
+
+
+class Slide:
+    """The part of an attempt that begins with the pins on the board. Ends with force mode off and the arm at rest."""
+
+    def __init__(
+        self, arm: Arm, settings: SkillSettings, touch: Touch, nominal: tuple[float, float], path: Polyline
+    ) -> None:
+        """`path` is one of offsets from `nominal` [m], base_link."""
+        self._arm, self._settings, self._touch = arm, settings, touch
+        self._nominal, self._path = nominal, path
+        self._level = arm.getActualTCPPose()[2]  # [m] of the board where it was touched
+
+    def run(self) -> None:
+        """Slide until the part is seated, is stuck, or the path ends. Raises ArmError if stopped."""
+        touch = self._touch
+        caught = -math.inf
+        try:
+            while self._follow():
+                if self._push_home():
+                    touch.outcome, touch.reason = Outcome.SEATED, ""
+                    return
+                if touch.travelled - caught < _AGAIN:
+                    touch.outcome, touch.reason = Outcome.BLOCKED, "the pins are caught at an edge"
+                    return
+                caught = touch.travelled
+                self._level = self._arm.getActualTCPPose()[2]
+            if touch.expired:
+                touch.outcome, touch.reason = Outcome.ABORTED, "the slide did not reach the end of its path in its time"
+            else:
+                touch.outcome, touch.reason = Outcome.BLOCKED, ""
+            touch.measure()
+        finally:
+            self._arm.forceModeStop()
+
+    def _follow(self) -> bool:
+        """Go on along the path until the pins drop in or are caught, and stop. False at the path's end."""
+        arm, settings, touch, path = self._arm, self._settings, self._touch, self._path
+        self._press()
+        touch.allow((path.length - touch.travelled) / settings.slide_speed + _GRACE)
+        resisted = 0
+        try:
+            while touch.travelled < path.length and not touch.expired:
+                arm.speedL(self._twist(), _ACCELERATION)
+                touch.cycle()
+                touch.travelled = path.progress(*self._offset(), touch.travelled)
+                touch.x, touch.y = path.at(touch.travelled)
+                fx, fy = arm.getActualTCPForce()[:2]
+                resisted = resisted + 1 if math.hypot(fx, fy) > settings.lateral_force else 0
+                if resisted >= settings.contact_cycles or self._dropped():
+                    return True
+            return False
+        finally:
+            arm.speedStop(_ACCELERATION)
+
+    def _dropped(self) -> bool:
+        return self._arm.getActualTCPPose()[2] < self._level - self._settings.drop_depth
+
+    def _push_home(self) -> bool:
+        """Down, giving way across, until depth or contact. Whether the part is seated."""
+        touch, speed = self._touch, self._settings.home_speed
+        self._give_way()
+        touch.allow(touch.full / speed + _GRACE)
+        touch.descend(speed)
+        touch.measure()
+        return touch.seated
+
+    def _offset(self) -> tuple[float, float]:
+        """Where the commanded TCP is, from nominal [m]."""
+        x, y, _ = frames.turn_base(self._arm.getTargetTCPPose()[:3])
+        return x - self._nominal[0], y - self._nominal[1]
+
+    def _twist(self) -> list[float]:
+        """Along the path, and back to it from beside it; (6,) base."""
+        travelled, speed = self._touch.travelled, self._settings.slide_speed
+        (x, y), (px, py) = self._offset(), self._path.at(travelled)
+        dx, dy = self._path.direction(travelled)
+        aside = (dx * (py - y) - dy * (px - x)) / _RETURN
+        aside = min(max(aside, -speed), speed)
+        return frames.turn_base_wrench([dx * speed - dy * aside, dy * speed + dx * aside, 0.0, 0.0, 0.0, 0.0])
+
+    def _press(self) -> None:
+        """Force along z, positions across."""
+        deviation, turn = _DEVIATION
+        limits = [deviation, deviation, _YIELD, turn, turn, turn]
+        wrench = [0.0, 0.0, -self._settings.slide_force, 0.0, 0.0, 0.0]
+        self._arm.forceMode([0.0] * 6, [0, 0, 1, 0, 0, 0], wrench, 2, limits)
+
+    def _give_way(self) -> None:
+        """No force across, positions along z."""
+        deviation, turn = _DEVIATION
+        self._arm.forceMode([0.0] * 6, [1, 1, 0, 0, 0, 0], [0.0] * 6, 2, [_YIELD, _YIELD, deviation, turn, turn, turn])

@@ -1,0 +1,1 @@
+"""Experiments: strategies x worlds x seeds -> tables, figures, verdicts."""
