@@ -6,7 +6,7 @@ Equation numbers are those of the paper this project reproduces. Lengths are met
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import cache
 from itertools import product
 
@@ -22,6 +22,8 @@ Array = NDArray[np.float64]
 FEWEST_FOR_COVARIANCE = 3  # two points span a line: Eq. 27 is singular below three
 _NODES = 96  # of Gauss-Legendre quadrature: disc masses to 1e-6 while both widths exceed a tenth of the radius
 _TAIL = 9.0  # standard deviations beyond which a normal density is zero in double precision
+_ALTERNATIONS = 1000  # between mean and covariance: a hundred reach 1e-12 unless a stationary point is about to vanish
+_COLLAPSED = 1e-12  # [prior variances] below which a variance is on its way to zero
 _RECENT = 120  # seats that `belief_about` weighs: the cost grows with the cube, older boards say little more
 
 # Standard deviations that `belief_about` tries, in multiples of the prior width.
@@ -72,7 +74,9 @@ def floored(belief: Gaussian, width: float) -> Gaussian:
 def maximum_likelihood(points: ArrayLike, prior: Gaussian) -> Gaussian:
     """Maximum likelihood from points (m, 2) [m], Eqs. 26-27; the prior as it is until m >= 3.
 
-    The covariance divides by m, as printed, so it is low by 1/m; identical points make it zero.
+    The covariance divides by m, as printed, so it is low by 1/m; identical points make it zero. Eqs. 26-27 are right
+    though the gradients they are said to follow from are not: Eq. 24 should read +S^-1 (x - mu), and Eq. 25
+    +S/2 - (x - mu)(x - mu)^T / 2, whose zero as printed is a covariance with negative variances.
     """
     p = _points(points)
     if len(p) < FEWEST_FOR_COVARIANCE:
@@ -104,11 +108,73 @@ def maximum_a_posteriori(points: ArrayLike, prior: Gaussian, mean_count: float, 
     return gaussian((mean_count * mean_of(prior) + m * average) / total, scatter / (covariance_count + m))
 
 
+def maximum_a_posteriori_as_printed(
+    points: ArrayLike, prior: Gaussian, mean_penalty: float, covariance_penalty: float
+) -> Gaussian:
+    """A stationary point of Eq. 28, summed over points (m, 2) [m]; where it has none, `maximum_likelihood`.
+
+    In the unit in which the prior is N(0, I), with penalties l1 on the mean and l2 on the covariance S:
+
+        -m/2 log|S| - 1/2 sum_i (x_i - mu)^T S^-1 (x_i - mu) - l1/2 |mu|^2 - l2/4 |S - I|^2   (Frobenius norm)
+
+    Unit normal priors on each element, of which the text speaks, are l1 = 1, l2 = 2. Eqs. 29-30 as printed are not
+    its gradients (the sign of Eq. 24; in Eq. 30 also the chain rule, which makes the penalty's part
+    +l2/2 S (S - I) S). Set to zero, its true gradients say
+
+        (m I + l1 S) mu = m xbar     and, for each eigenvalue s of sum_i (x_i - mu)(x_i - mu)^T along the same axis,
+        l2 v^3 - l2 v^2 + m v - s = 0     for the eigenvalue v of S,
+
+    which are solved in turn from S = I; of up to three roots the greatest is the one that ascent from I comes to.
+    The objective has no maximum for one point or for points on a line: it grows without bound as the variance across
+    them goes to zero. Then a local maximum beside that exists only if the penalties are strong (l2 >= 4 m is enough);
+    where there is none Eqs. 26-27 stand in, which are the limit of that ascent, and the prior below three points.
+    """
+    p = _points(points)
+    m = len(p)
+    if m == 0:
+        return prior
+    unit = np.linalg.cholesky(covariance_of(prior))
+    y = np.linalg.solve(unit, (p - mean_of(prior)).T).T
+    average = y.mean(axis=0)
+    scatter = (y - average).T @ (y - average)
+    covariance = np.eye(2)
+    for _ in range(_ALTERNATIONS):
+        mean = np.linalg.solve(m * np.eye(2) + mean_penalty * covariance, m * average)
+        about, axes = np.linalg.eigh(scatter + m * np.outer(average - mean, average - mean))
+        variances = np.array([_greatest_root(max(float(s), 0.0), m, covariance_penalty) for s in about])
+        if variances.min() < _COLLAPSED:
+            break
+        before, covariance = covariance, (axes * variances) @ axes.T
+        if np.abs(covariance - before).max() <= 1e-12 * variances.min():
+            return gaussian(mean_of(prior) + unit @ mean, unit @ covariance @ unit.T)
+    return maximum_likelihood(p, prior)
+
+
+def _greatest_root(scatter: float, count: int, penalty: float) -> float:
+    """Greatest v >= 0 with penalty v^3 - penalty v^2 + count v - scatter = 0."""
+    from scipy.optimize import brentq
+
+    def cubic(v: float) -> float:
+        return ((penalty * v - penalty) * v + count) * v - scatter
+
+    low, high = 0.0, 1.0 + scatter / count  # the cubic is at most 0 here, and at least `count` there
+    turning = penalty**2 - 3 * count * penalty
+    if turning > 0:
+        dip = (penalty + math.sqrt(turning)) / (3 * penalty)  # its local minimum
+        if cubic(dip) <= 0:
+            low = dip
+        else:
+            high = (penalty - math.sqrt(turning)) / (3 * penalty)  # its local maximum: the only root lies below
+    return float(brentq(cubic, low, high, xtol=1e-18))
+
+
 def disc_mass(belief: Gaussian, centres: ArrayLike, radius: float) -> Array:
     """Probability that the hole lies within `radius` [m] of each centre (n, 2) [m]: phi of Eq. 44, shape (n,).
 
     In the covariance's own axes one integral is an error function; the other is done by Gauss-Legendre quadrature
-    along the wider axis. (Eqs. 35-40 mix the eigenvalues of the covariance with those of its inverse.)
+    along the wider axis. Two things in the paper are not offered as printed, because they are no probability: the
+    unnumbered density with 1 / sqrt(2 pi |S|), whose constant is Eq. 34's 1 / (2 pi sqrt|S|) in two dimensions, and
+    Eqs. 35-40, whose Lambda is at once the eigenvalues of the covariance and those of its inverse.
     """
     wide, narrow, axes = _principal(belief, radius)
     from_mean = (np.atleast_2d(np.asarray(centres, dtype=float)) - mean_of(belief)) @ axes  # (n, 2)
@@ -128,17 +194,30 @@ def disc_mass(belief: Gaussian, centres: ArrayLike, radius: float) -> Array:
 def disc_mass_gradient(belief: Gaussian, centres: ArrayLike, radius: float) -> Array:
     """Gradient of `disc_mass` with respect to each centre, shape (n, 2) [1/m].
 
-    By the divergence theorem it is the density times the outward normal, summed along the rim: what Eq. 31 wants,
-    which has the opposite sign and so walks away from the mean. The trapezoidal rule on a circle converges faster
-    than any power; its nodes grow with radius over width, up to 512 (width below radius / 50 is not resolved).
+    By the divergence theorem it is the density times the outward normal, summed along the rim. Eqs. 24, 31 and 41-43
+    as printed have the opposite sign, for the gradient with respect to mu: ascent along Eq. 31 walks away from the
+    mean until the density is zero, so it is not offered. The trapezoidal rule on a circle converges faster than any
+    power; its nodes grow with radius over width, up to 512 (width below radius / 50 is not resolved).
     """
+    return disc_mass_slope(belief, radius)(np.atleast_2d(np.asarray(centres, dtype=float)))
+
+
+def disc_mass_slope(belief: Gaussian, radius: float) -> Callable[[Array], Array]:
+    """`disc_mass_gradient` for one belief and radius, prepared for many calls: centres (n, 2) [m] to (n, 2) [1/m]."""
     wide, narrow, axes = _principal(belief, radius)
     count = int(min(512, max(24, 4 * math.ceil(3 * radius / narrow))))
     normal = _circle(count)  # (count, 2)
-    from_mean = (np.atleast_2d(np.asarray(centres, dtype=float)) - mean_of(belief)) @ axes
-    scaled = (from_mean[:, None, :] + radius * normal) / np.array([wide, narrow])
-    density = np.exp(-0.5 * (scaled**2).sum(axis=2)) / (2 * math.pi * wide * narrow)  # (n, count)
-    return np.asarray(radius * 2 * math.pi / count * (density @ normal) @ axes.T)
+    rim_x, rim_y = radius * normal[:, 0], radius * normal[:, 1]
+    mean, peak = mean_of(belief), 2 * math.pi * wide * narrow
+
+    def gradient(centres: Array) -> Array:
+        from_mean = (centres - mean) @ axes
+        u = (from_mean[:, :1] + rim_x) / wide  # (n, count)
+        v = (from_mean[:, 1:] + rim_y) / narrow
+        density = np.exp(-0.5 * (u * u + v * v)) / peak
+        return np.asarray(radius * 2 * math.pi / count * (density @ normal) @ axes.T)
+
+    return gradient
 
 
 def ellipse(belief: Gaussian, sigmas: float = 2.0, points: int = 64) -> Array:

@@ -1,4 +1,4 @@
-"""The command line: palpate launch | robot | replay | view | plugins | picture | bench.
+"""The command line: palpate launch | robot | replay | view | experiment | plugins | picture | bench.
 
 Only the standard library is imported here; each command imports what it needs.
 Exit codes: 0 done, 1 the job failed, 2 the input is wrong, 130 interrupted.
@@ -54,6 +54,16 @@ examples:
   palpate view logs/20261122-151233.mcap                       open it in Rerun
   palpate view logs/x.mcap --rerun web                         in a browser
   palpate view logs/x.mcap --rerun save --output x.rrd         write a file that `rerun x.rrd` opens""",
+    "experiment": """\
+examples:
+  palpate experiment                                           what can be tried
+  palpate experiment compare                                   every strategy in every world, on the statistical model
+  palpate experiment compare --seeds 20 --strategies meta,bayes --worlds realistic
+  palpate experiment compare --physics --seeds 3 --out out     in full MuJoCo physics
+  palpate experiment robustness --executor dask://node1:8786   on a dask cluster
+
+Results are kept in the user's cache: a run that was stopped goes on where it was, and what has not changed
+is not computed again. Tables (CSV, Markdown) and figures (PNG, SVG) go to experiments/NAME or --out DIR.""",
     "plugins": """\
 examples:
   palpate plugins""",
@@ -179,6 +189,8 @@ def _parser() -> argparse.ArgumentParser:
         "--output", metavar="FILE", help="where save writes (default: beside the log, with the ending .rrd)"
     )
 
+    _add_experiment(commands)
+
     _make(commands, "plugins", "list what is installed, and what each is for")
 
     picture = _make(commands, "picture", "draw a cell as the simulation has it")
@@ -203,6 +215,34 @@ def _parser() -> argparse.ArgumentParser:
     bench.add_argument("--port", type=int, metavar="PORT", help="of the cell's Zenoh router (default: 7447)")
     bench.add_argument("--json", metavar="FILE", help="write the figures there as name: number")
     return parser
+
+
+def _add_experiment(commands: argparse._SubParsersAction[_Parser]) -> None:
+    experiment = _make(commands, "experiment", "compare strategies over many simulated worlds")
+    experiment.add_argument(
+        "name", nargs="?", default="list", metavar="NAME", help="of the experiment; list tells what there is (default)"
+    )
+    experiment.add_argument("--seeds", type=int, metavar="N", help="worlds to draw (default: the experiment's own)")
+    experiment.add_argument("--boards", type=int, metavar="N", help="boards to work through in each (default: 10)")
+    experiment.add_argument(
+        "--physics",
+        action="store_true",
+        help="in full MuJoCo physics instead of the statistical model; a tenth of the seeds unless --seeds says more",
+    )
+    experiment.add_argument("--strategies", metavar="A,B,...", help="instead of the experiment's own")
+    experiment.add_argument("--worlds", metavar="A,B,...", help="instead of the experiment's own")
+    experiment.add_argument("--components", metavar="A,B,...", help="igbt, capacitor")
+    experiment.add_argument("--jobs", type=int, metavar="N", help="processes at once (default: one for each core)")
+    experiment.add_argument(
+        "--executor",
+        default="joblib",
+        metavar="E",
+        help="joblib: this machine (default); dask://HOST:PORT or ray://HOST:PORT: a cluster",
+    )
+    experiment.add_argument("--out", metavar="DIR", help="where tables and figures go (default: experiments/NAME)")
+    experiment.add_argument(
+        "--cache", metavar="DIR", help="where results are kept (default: palpate in the user's cache directory)"
+    )
 
 
 def _seconds(text: str) -> float:
@@ -250,6 +290,12 @@ def _view(arguments: argparse.Namespace) -> int:
     return view_command(arguments)
 
 
+def _experiment(arguments: argparse.Namespace) -> int:
+    from runtime.commands.experiment import experiment_command
+
+    return experiment_command(arguments)
+
+
 def _plugins(arguments: argparse.Namespace) -> int:
     from runtime.commands.plugins import plugins_command
 
@@ -273,6 +319,7 @@ COMMANDS: dict[str, Command] = {
     "robot": _robot,
     "replay": _replay,
     "view": _view,
+    "experiment": _experiment,
     "plugins": _plugins,
     "picture": _picture,
     "bench": _bench,

@@ -28,6 +28,11 @@ class Workbench(Protocol):
         """Session time [ns]."""
         ...
 
+    @property
+    def offset(self) -> tuple[float, float]:
+        """Where the TCP must go relative to nominal [m] for the part in hand: for the record, not for the search."""
+        ...
+
     def begin(self, search: int, board: int, hole: str) -> None:
         """Put board and hole in place and a part into the gripper."""
         ...
@@ -75,6 +80,7 @@ class PlainJob:
                     search_time=sum(attempt.duration for attempt in attempts),
                     part_time=1e-9 * (self.bench.time - begun),
                     travelled=sum(((b.x - a.x) ** 2 + (b.y - a.y) ** 2) ** 0.5 for a, b in pairwise(attempts)),
+                    offset=self.bench.offset,
                 )
 
     def _search(self, session: SearchSession, goal: SearchGoal) -> list[Attempt]:

@@ -50,6 +50,7 @@ class SearchRecord:
     search_time: float  # [s] of all attempts together
     part_time: float  # [s] from the goal until the part was let go
     travelled: float  # [m] between the positions of successive attempts
+    offset: tuple[float, float]  # [m] of the true place from nominal: what the search was for
 
 
 @dataclass(frozen=True)

@@ -22,7 +22,11 @@ class Linear:
     literal: the equations with the stride as set, about the mean of the candidates that succeeded.
     corrected: the stride is at most 1.6 feasible radii, because wider ones step over holes on the line; the start is
     the mean of the seated positions. The text calls the stride "the distance between two successive points"; by the
-    equations that distance is stride * i, and the equations are what sweeps a line.
+    equations that distance is stride * i, and the equations are what sweeps a line: with the text's distance it would
+    be Eq. 18, which hybrid offers. `cycles` is the paper's m: the search ends after m + 1 attempts at most.
+
+    The list of strategies in the experiments gives no moving start to the line (`start = "nominal"`), a later
+    paragraph gives all three the mean of earlier positions (`hole`, the default, or `pooled`).
     """
 
     stride: Annotated[Length, Positive] = 0.3e-3  # [m] s

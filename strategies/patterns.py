@@ -29,10 +29,11 @@ def line_as_printed(stride: float, angle: float, cycles: int) -> Iterator[Offset
 def spiral_by_angle(step: float, pitch: float, radius: float) -> Iterator[Offset]:
     """Eqs. 12-17 as printed: an Archimedean spiral in constant angular steps theta_d = `step` [rad], to `radius`.
 
-    `pitch` [m] per turn is r / t of Eqs. 12-13. Close-set at the centre, with gaps that grow outwards.
+    `pitch` [m] per turn is r / t of Eqs. 12-13: r_cur of Eq. 15 = step * i * pitch / turn, up to and including r.
+    Close-set at the centre, with gaps that grow outwards.
     """
     i = 0
-    while (distance := pitch * step * i / (2 * math.pi)) <= radius:
+    while (distance := pitch * step * i / (2 * math.pi)) <= radius * (1 + 1e-12):
         yield distance * math.cos(step * i), distance * math.sin(step * i)
         i += 1
 
@@ -52,13 +53,14 @@ def spiral_by_arc(arc: float, pitch: float, radius: float) -> Iterator[Offset]:
 
 
 def spiral_as_printed(step: float, pitch: float, radius: float) -> Iterator[Offset]:
-    """Eqs. 19-22 as printed: P_i = P_{i-1} + r_i (cos theta_i, sin theta_i), r_i growing by pitch * step / turn.
+    """Eqs. 19-22 as printed: P_i = P_{i-1} + r_i (cos theta_i, sin theta_i), from r_0 = theta_0 = 0.
 
-    Adds up the spiral instead of following it: strides grow with i and the centre drifts. Ends when r_i > `radius`.
+    Delta theta is `step` [rad] and Delta r is pitch * step / turn. Adds up the spiral instead of following it: strides
+    grow with i and the centre drifts. Ends when r_i > `radius`. With P_0 in place of P_{i-1} it is `spiral_by_angle`.
     """
     x = y = 0.0
     i = 0
-    while (distance := pitch * step * i / (2 * math.pi)) <= radius:
+    while (distance := pitch * step * i / (2 * math.pi)) <= radius * (1 + 1e-12):
         x, y = x + distance * math.cos(step * i), y + distance * math.sin(step * i)
         yield x, y
         i += 1

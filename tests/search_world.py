@@ -231,7 +231,8 @@ def main(arguments: list[str]) -> None:
         for start in ("hole", "pooled", "nominal", "posterior"):
             choices[f"{cls.__name__.lower()}-{start}"] = lambda c=cls, s=start: c(start=s)
     choices["meta-mle"] = lambda: Meta(update="mle")
-    choices["hybrid-sequence"] = lambda: Hybrid(order="sequence")
+    choices["hybrid-algorithm"] = lambda: Hybrid(description="algorithm")
+    choices["hybrid-equations"] = lambda: Hybrid(description="equations")
     for name in arguments[2:] or choices:
         for choice, make in choices.items():
             if choice == name or choice.startswith(f"{name}-"):

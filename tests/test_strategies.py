@@ -1,4 +1,4 @@
-"""One contract for every strategy, the paper's equations by hand, and what learning is worth."""
+"""One contract for every strategy, what patterns cover, and what learning is worth."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ from runtime.belief import disc_mass, gaussian, isotropic
 from runtime.errors import InputError
 from runtime.messages import Gaussian, Outcome, Proposal, SearchGoal, Seat
 from runtime.plugin import Search, Strategy
-from strategies.covers import plan_covers, sweep
+from strategies.covers import Force, plan_covers, sweep
 from strategies.hybrid import Hybrid
 from strategies.linear import Linear
 from strategies.meta import Meta
-from strategies.patterns import lattice, line, line_as_printed, spiral_as_printed, spiral_by_angle, spiral_by_arc
+from strategies.patterns import lattice, spiral_by_arc
 from strategies.spiral import Spiral
 
 MM = 1e-3
@@ -45,10 +45,13 @@ class Shaken:
                 yield Proposal(float(x), float(y))
 
 
+PAPERS = {"linear": Linear, "spiral": Spiral, "hybrid": Hybrid, "meta": Meta}
+
+
 def installed() -> dict[str, type]:
     """Strategies by entry point, or the paper's four if the package is not installed."""
     found = {point.name: point.load() for point in entry_points(group="palpate.strategies")}
-    return found or {"linear": Linear, "spiral": Spiral, "hybrid": Hybrid, "meta": Meta}
+    return found or PAPERS
 
 
 ALL: dict[str, Callable[[], Strategy]] = {**installed(), "shaken": Shaken}
@@ -56,12 +59,18 @@ VARIANTS: dict[str, Callable[[], Strategy]] = {
     "linear-literal": lambda: Linear(variant="literal", start="pooled"),
     "spiral-literal": lambda: Spiral(variant="literal", start="posterior"),
     "hybrid-literal": lambda: Hybrid(variant="literal"),
-    "hybrid-sequence": lambda: Hybrid(order="sequence", start="nominal"),
+    "hybrid-algorithm": lambda: Hybrid(description="algorithm", start="nominal"),
+    "hybrid-equations": lambda: Hybrid(description="equations"),
+    "hybrid-equations-literal": lambda: Hybrid(description="equations", variant="literal"),
     "meta-literal": lambda: Meta(variant="literal"),
+    "meta-centre": lambda: Meta(variant="literal", repel="centre", update="mle"),
+    "meta-hinge": lambda: Meta(repel="hinge", steps=40),
     "meta-mle": lambda: Meta(update="mle", start="pooled"),
     "meta-posterior": lambda: Meta(start="posterior"),
 }
-every_strategy = pytest.mark.parametrize("make", [*ALL.values(), *VARIANTS.values()], ids=[*ALL, *VARIANTS])
+ENDLESS = {"hybrid-algorithm-literal": lambda: Hybrid(description="algorithm", variant="literal")}
+EVERY = {**ALL, **VARIANTS, **ENDLESS}
+every_strategy = pytest.mark.parametrize("make", EVERY.values(), ids=EVERY)
 finders = pytest.mark.parametrize(
     "make", [m for n, m in ALL.items() if n != "linear"], ids=[n for n in ALL if n != "linear"]
 )
@@ -125,8 +134,10 @@ def test_is_a_strategy_with_frozen_settings(make: Callable[[], Strategy]) -> Non
     [
         (Linear, {"stride": "0.2 mm", "angle": "30 deg"}, Linear(stride=2e-4, angle=math.pi / 6)),
         (Spiral, {"radius": "1 mm", "start": "pooled"}, Spiral(radius=1e-3, start="pooled")),
-        (Hybrid, {"order": "sequence", "cycles": 8}, Hybrid(order="sequence", cycles=8)),
+        (Spiral, {"turns": 4.0, "step": "58 deg"}, Spiral(turns=4.0, step=math.radians(58))),
+        (Hybrid, {"description": "algorithm", "cycles": 8}, Hybrid(description="algorithm", cycles=8)),
         (Meta, {"repulsion": "5 mm^-2", "update": "mle"}, Meta(repulsion=5e6, update="mle")),
+        (Meta, {"unit": "30 um", "step": "0.5 mm", "steps": 300}, Meta(unit=3e-5, step=5e-4, steps=300)),
     ],
 )
 def test_settings_are_written_with_units(cls: type, given_as: dict[str, object], expected: Strategy) -> None:
@@ -141,8 +152,12 @@ def test_settings_are_written_with_units(cls: type, given_as: dict[str, object],
         (Linear, {"stride": "0 mm"}),
         (Spiral, {"radius": "3 deg"}),
         (Spiral, {"pitch": 0.0}),
-        (Hybrid, {"order": "both"}),
+        (Spiral, {"turns": 0.0}),
+        (Hybrid, {"description": "both"}),
         (Meta, {"covers": 0}),
+        (Meta, {"steps": 0}),
+        (Meta, {"unit": "0 mm"}),
+        (Meta, {"covariance_penalty": 0.0}),
         (Meta, {"repulsion": "-1 mm^-2"}),
         (Meta, {"start": "guess"}),
     ],
@@ -192,13 +207,17 @@ def test_survives_being_closed_at_any_time(make: Callable[[], Strategy]) -> None
 
 
 @pytest.mark.parametrize("make", [*installed().values(), *VARIANTS.values()])
-def test_ends_by_itself_and_says_what_it_believes(make: Callable[[], Strategy]) -> None:
+def test_ends_by_itself(make: Callable[[], Strategy]) -> None:
     goal = goal_for(max_attempts=20_000, feasible_radius=0.25 * MM)
+    assert len(proposals(make(), goal)) < goal.max_attempts
+
+
+@pytest.mark.parametrize("make", [*PAPERS.values(), *VARIANTS.values()])
+def test_says_what_it_believes(make: Callable[[], Strategy]) -> None:
+    goal = goal_for(feasible_radius=0.25 * MM)
     tried = proposals(make(), goal)
-    assert len(tried) < goal.max_attempts
     assert all(0 <= proposal.probability <= 1 and proposal.belief.known for proposal in tried)
-    check = tried[:40:7]
-    for proposal in check:
+    for proposal in tried[:40:7]:
         expected = disc_mass(proposal.belief, (proposal.x, proposal.y), goal.feasible_radius)[0]
         assert proposal.probability == pytest.approx(expected)
 
@@ -225,11 +244,31 @@ def test_a_line_finds_what_lies_on_it_and_misses_what_does_not() -> None:
     assert len(tried) == 13  # +-6 strides of 0.3 mm within 2 mm
 
 
-@pytest.mark.parametrize("offset", [(0.0, 0.0), (0.9, 0.4), (-1.2, 1.1), (0.3, -1.7)])
-@pytest.mark.parametrize("make", [Spiral, Hybrid, Meta, lambda: Hybrid(order="sequence"), lambda: Meta(update="mle")])
-def test_whole_search_radius_is_searched(make: Callable[[], Strategy], offset: tuple[float, float]) -> None:
-    goal = goal_for(max_attempts=20_000, seats=[seat("h1", 0.5 * MM, 0.5 * MM)])
-    assert run_search(make(), goal, (offset[0] * MM, offset[1] * MM), goal.feasible_radius)[1]
+@pytest.mark.parametrize(
+    "make",
+    [Spiral, Hybrid, Meta, lambda: Hybrid(description="algorithm"), lambda: Meta(update="mle", covers=3, steps=5)],
+    ids=["spiral", "hybrid", "meta", "hybrid-algorithm", "meta-mle"],
+)
+@settings(max_examples=25, deadline=None)
+@given(
+    feasible=st.floats(0.15, 0.4).map(lambda value: value * MM),
+    search=st.floats(0.5, 2.0).map(lambda value: value * MM),
+    start=st.tuples(offsets, offsets),
+    distance=st.floats(0.0, 1.0),
+    angle=st.floats(0.0, 2 * math.pi),
+)
+def test_whole_search_radius_is_searched(
+    make: Callable[[], Strategy],
+    feasible: float,
+    search: float,
+    start: tuple[float, float],
+    distance: float,
+    angle: float,
+) -> None:
+    """Wherever the hole is, from wherever the search starts: up to one feasible radius from the rim."""
+    goal = goal_for(max_attempts=20_000, feasible_radius=feasible, search_radius=search, seats=[seat("h1", *start)] * 3)
+    away = distance * (search - feasible)
+    assert run_search(make(), goal, (away * math.cos(angle), away * math.sin(angle)), feasible)[1]
 
 
 def test_meta_learns_from_board_to_board() -> None:
@@ -239,32 +278,7 @@ def test_meta_learns_from_board_to_board() -> None:
     assert later < 0.7 * first
 
 
-# The paper's equations, by hand.
-
-
-def test_line_is_eqs_10_and_11() -> None:
-    assert [p[0] for p in line(1.0, 0.0, 5)] == pytest.approx([0, -1, 1, -2, 2, -3])
-    slanted = list(line(2.0, math.pi / 6, 2))
-    assert slanted[1] == pytest.approx((-2 * math.sqrt(3) / 2, -2 * 0.5))
-    assert slanted[2] == pytest.approx((2 * math.sqrt(3) / 2, 2 * 0.5))
-    search = proposals(Linear(stride=0.1 * MM, angle=0.0, cycles=3), goal_for())
-    assert [p.x for p in search] == pytest.approx([0, -0.1 * MM, 0.1 * MM, -0.2 * MM])
-
-
-def test_spiral_is_eqs_12_to_17() -> None:
-    """r = 2 in t = 4 turns, theta_d = 90 deg: r_d = 2 / 1440 per degree, so 0.125 further out at each quarter turn."""
-    points = list(spiral_by_angle(math.pi / 2, pitch=2 / 4, radius=2.0))
-    assert len(points) == 17
-    assert points[:6] == pytest.approx(
-        np.array([(0, 0), (0, 0.125), (-0.25, 0), (0, -0.375), (0.5, 0), (0, 0.625)]), abs=1e-12
-    )
-    assert points[-1] == pytest.approx((2.0, 0.0), abs=1e-12)
-
-
-def test_eq_18_oscillates_and_eqs_19_to_22_drift() -> None:
-    assert [p[0] for p in line_as_printed(1.0, 0.0, 5)] == pytest.approx([0, -1, 0, -1, 0, -1])
-    points = list(spiral_as_printed(math.pi / 2, pitch=4.0, radius=4.0))  # r_i = i
-    assert points == pytest.approx(np.array([(0, 0), (0, 1), (-2, 1), (-2, -2), (2, -2)]), abs=1e-12)
+# Patterns and starts.
 
 
 @given(st.floats(0.1, 1.0), st.floats(1.5, 6.0))
@@ -297,18 +311,6 @@ def test_lattice_is_even_and_sorted(spacing: float, radius: float) -> None:
         assert gaps.min() == pytest.approx(spacing)
 
 
-def test_hybrid_takes_turns() -> None:
-    goal = goal_for()
-    mixed = [(p.x, p.y) for p in proposals(Hybrid(), goal, 12)]
-    along = [(p.x, p.y) for p in proposals(Linear(), goal)]
-    around = [(p.x, p.y) for p in proposals(Spiral(), goal)]
-    assert mixed[0] == along[0] == around[0] == (0.0, 0.0)
-    assert mixed[1:11:2] == along[1:6]
-    assert mixed[2:12:2] == around[1:6]
-    sequence = [(p.x, p.y) for p in proposals(Hybrid(order="sequence"), goal)]
-    assert sequence == (along + around[1:])[: len(sequence)]
-
-
 SEATS = [seat("h1", 0.6 * MM, 0.0), seat("h2", 0.0, 0.4 * MM), seat("h1", 0.2 * MM, 0.0, board=2)]
 
 
@@ -338,11 +340,19 @@ def test_start_says_whose_insertions_count(make: Callable[..., Strategy]) -> Non
         (Linear(), {"cycles": 3}),
         (Linear(stride=0.5 * MM), {"variant": "literal"}),
         (Spiral(), {"radius": 0.7 * MM}),
+        (Spiral(), {"turns": 5.0}),
         (Spiral(), {"pitch": 1.0}),
         (Spiral(), {"arc": 1.0}),
         (Spiral(), {"variant": "literal"}),
         (Spiral(variant="literal"), {"step": 1.0}),
-        (Hybrid(), {"order": "sequence"}),
+        (Hybrid(), {"description": "algorithm"}),
+        (Hybrid(), {"description": "equations"}),
+        (Hybrid(description="algorithm"), {"description": "equations"}),
+        (Hybrid(variant="literal"), {"description": "algorithm"}),
+        (Hybrid(variant="literal"), {"description": "equations"}),
+        (Hybrid(description="algorithm", cycles=3, radius=0.5 * MM), {"variant": "literal"}),
+        (Hybrid(description="equations"), {"variant": "literal"}),
+        (Hybrid(description="equations"), {"step": 1.0}),
         (Hybrid(), {"stride": 0.2 * MM}),
         (Hybrid(), {"angle": 1.0}),
         (Hybrid(), {"cycles": 3}),
@@ -357,7 +367,14 @@ def test_start_says_whose_insertions_count(make: Callable[..., Strategy]) -> Non
         (Meta(), {"prior_width": 0.3 * MM}),
         (Meta(), {"mean_count": 1.0}),
         (Meta(), {"covariance_count": 9.0}),
+        (Meta(variant="literal", start="pooled"), {"mean_penalty": 5.0}),
+        (Meta(variant="literal", start="pooled"), {"covariance_penalty": 20.0}),
         (Meta(start="pooled"), {"update": "mle"}),
+        (Meta(), {"repel": "hinge"}),
+        (Meta(variant="literal"), {"repel": "centre"}),
+        (Meta(variant="literal", repulsion=1e5), {"unit": 10 * MM}),
+        (Meta(), {"steps": 60}),
+        (Meta(), {"step": 0.1 * MM}),
         (Meta(), {"covers": 12}),
         (Meta(), {"repulsion": 1e6}),
         (Meta(), {"variant": "literal"}),
@@ -392,8 +409,8 @@ def test_covers_keep_apart_and_collapse_without_repulsion(width: float) -> None:
     """The paper's Fig. 12, in numbers."""
     belief, radius = isotropic((0.2 * MM, -0.1 * MM), width * MM), 0.2 * MM
 
-    def closest(repulsion: float, *, literal: bool = False) -> float:
-        centres, _ = plan_covers(belief, radius, 12, repulsion, 2 * MM, literal=literal)
+    def closest(repulsion: float, force: Force = "overlap") -> float:
+        centres, _ = plan_covers(belief, radius, 12, repulsion, 2 * MM, force)
         gaps = np.linalg.norm(centres[:, None] - centres, axis=2) + np.eye(len(centres))
         return float(gaps.min()) / radius
 
@@ -401,12 +418,12 @@ def test_covers_keep_apart_and_collapse_without_repulsion(width: float) -> None:
     assert closest(2e7) > 0.7  # the default lets them overlap a little: discs that only touch leave gaps
     if width >= 0.3:  # narrower beliefs have no slope where the outer covers begin
         assert closest(0.0) < 0.02
-        assert closest(1e6, literal=True) < 0.02
+        assert closest(1e6, "eq_45") < 0.02
 
 
 def test_literal_covers_flee_when_repulsion_is_strong() -> None:
     """Eq. 45 as printed rewards distance without bound: the covers end on the rim of what is allowed."""
-    centres, _ = plan_covers(isotropic((0, 0), 0.5 * MM), 0.2 * MM, 12, 1e8, 2 * MM, literal=True)
+    centres, _ = plan_covers(isotropic((0, 0), 0.5 * MM), 0.2 * MM, 12, 1e8, 2 * MM, "eq_45")
     assert (np.linalg.norm(centres, axis=1) > 1.9 * MM).sum() >= 6
 
 

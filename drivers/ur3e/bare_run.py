@@ -44,6 +44,13 @@ class PhysicsBench:
         """Session time [ns]."""
         return self.world.arm.time
 
+    @property
+    def offset(self) -> tuple[float, float]:
+        """Where the TCP must go relative to nominal [m] for the part in hand."""
+        assert self.world.truth is not None
+        x, y = self.world.truth.offset
+        return float(x), float(y)
+
     def begin(self, search: int, board: int, hole: str) -> None:
         """Put board and hole in place and fetch a part."""
         self.world.begin_search(search, board, hole)

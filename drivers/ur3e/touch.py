@@ -33,10 +33,18 @@ class SkillSettings:
     gripper_time: Annotated[Duration, Positive] = 0.3  # [s] to open or to close
     depth_margin: Annotated[Length, Positive] = 0.05e-3  # [m] short of full depth at which the descent is told to end
     slide_force: Annotated[Force, Positive] = 4.0  # [N] with which sliding pins are held on the board
-    slide_speed: Annotated[Speed, Positive] = 5e-3  # [m/s] along the path
+    slide_speed: Annotated[Speed, Positive] = 10e-3  # [m/s] along the path
     drop_depth: Annotated[Length, Positive] = 0.1e-3  # [m] below the board that was touched at which pins are in a hole
-    lateral_force: Annotated[Force, Positive] = 8.0  # [N] against the slide at which pins are caught at an edge
+    lateral_force: Annotated[Force, Positive] = 4.0  # [N] against the slide at which pins are caught at an edge
     home_speed: Annotated[Speed, Positive] = 8e-3  # [m/s] downwards once the pins have dropped in
+
+    def __post_init__(self) -> None:
+        """Raises ValueError, which the cell file's reader explains."""
+        if self.slide_force >= self.contact_force:
+            raise ValueError(
+                f"slide_force is {self.slide_force:g} N and must be below contact_force, {self.contact_force:g} N: "
+                "pins pushed home would meet contact at once"
+            )
 
 
 @dataclass(frozen=True)

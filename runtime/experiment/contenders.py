@@ -16,7 +16,7 @@ class Contender:
 
     name: str
     strategy: str
-    settings: dict[str, Any] = field(default_factory=dict)
+    settings: dict[str, Any] = field(default_factory=dict, hash=False)
     description: str = ""
     prior: bool = False  # whether it starts from the posterior store's belief, which takes time to compute
 

@@ -67,6 +67,12 @@ class StatisticalBench:
         """Session time [ns]."""
         return round(self._seconds * NANOSECONDS)
 
+    @property
+    def offset(self) -> tuple[float, float]:
+        """Where the TCP must go relative to nominal [m] for the part in hand."""
+        assert self._gap is not None
+        return float(self._gap.x), float(self._gap.y)
+
     def begin(self, search: int, board: int, hole: str) -> None:
         """Put board and hole in place and a part into the gripper."""
         self._gap = self._world.gap(search, board, hole)

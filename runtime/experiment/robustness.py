@@ -1,0 +1,193 @@
+"""Worlds that a strategy's model does not know of: does the learner ever do worse than the tuned spiral?"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from runtime.experiment.contenders import contender
+from runtime.experiment.estimates import Estimate, ratio_over_seeds
+from runtime.experiment.palette import looks
+from runtime.experiment.score import Records, Score, attempts, score, search_times
+from runtime.experiment.study import Choices, Findings, Picture, Results, Table, aim, listed
+from runtime.experiment.trial import Trial, trials
+from runtime.experiment.worlds import WORLDS, world
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure as Canvas
+
+YARDSTICK = "spiral"  # the tuned spiral: about the mean of the hole's seats, without gaps
+AIMED_AT = "bayes"
+AT_MOST = 1.25  # times the yardstick's attempts
+REALISTIC, OFF = "realistic", "off-"
+
+
+@dataclass(frozen=True)
+class Row:
+    """One strategy in one world with one component."""
+
+    world: str
+    component: str
+    strategy: str
+    records: Records
+    score: Score
+
+    @property
+    def hopeless(self) -> bool:
+        """Whether no hole was within the search radius."""
+        return self.score.within == 0
+
+
+class Robustness:
+    """Strategies in worlds that are not as they believe."""
+
+    name = "robustness"
+    summary = "worlds that no strategy's model knows of: heavy tails, drift, moved holes, wrong boards"
+    defaults = Choices(
+        seeds=60,
+        boards=10,
+        physics=False,
+        strategies=(YARDSTICK, "meta", AIMED_AT, "bayes-slide"),
+        worlds=(REALISTIC, *(name for name in WORLDS if name.startswith(OFF))),
+        components=("igbt",),
+    )
+
+    def work(self, chosen: Choices) -> list[Trial]:
+        """Every strategy in every world; the yardstick too, chosen or not."""
+        return [
+            trial
+            for name in chosen.worlds
+            for component in chosen.components
+            for strategy in dict.fromkeys((YARDSTICK, *chosen.strategies))
+            for trial in trials(chosen, world(name), component, contender(strategy))
+        ]
+
+    def findings(self, chosen: Choices, results: Results) -> Findings:
+        """One table, one figure, and whether the aim holds in each world."""
+        rows = [
+            self._row(chosen, results, name, component, strategy)
+            for name in chosen.worlds
+            for component in chosen.components
+            for strategy in dict.fromkeys((YARDSTICK, *chosen.strategies))
+        ]
+        yardsticks = {(row.world, row.component): row for row in rows if row.strategy == YARDSTICK}
+        picture = Picture(
+            "spiral",
+            f"Attempts in multiples of the tuned spiral's, ± standard error; shaded: more than {AT_MOST:g}",
+            lambda figure: _draw(figure, rows, yardsticks, chosen),
+            (4.0 + 4.0 * len(chosen.components), 1.8 + 0.42 * len(chosen.worlds)),
+        )
+        return Findings(
+            tables=(_table(rows, yardsticks),), figures=(picture,), verdict=tuple(_verdict(rows, yardsticks))
+        )
+
+    def _row(self, chosen: Choices, results: Results, name: str, component: str, strategy: str) -> Row:
+        place = world(name)
+        records = [results[trial] for trial in trials(chosen, place, component, contender(strategy))]
+        return Row(name, component, strategy, records, score(records, place.search.radius))
+
+
+Yardsticks = dict[tuple[str, str], Row]
+
+
+def _ratio(row: Row, yardsticks: Yardsticks) -> Estimate:
+    return ratio_over_seeds(attempts(row.records), attempts(yardsticks[row.world, row.component].records))
+
+
+def _table(rows: Sequence[Row], yardsticks: Yardsticks) -> Table:
+    return Table(
+        "",
+        "Attempts for each search, ± standard error over seeds. A search that failed counts with the attempts it used",
+        (
+            "world",
+            "component",
+            "strategy",
+            "attempts",
+            "p95",
+            "x spiral",
+            "attempts per part inserted",
+            "s at the hole",
+            "searches",
+            "failed",
+            "within R",
+            "unsolved within R",
+        ),
+        tuple(
+            (
+                row.world,
+                row.component,
+                row.strategy,
+                row.score.attempts,
+                row.score.attempts_p95,
+                _ratio(row, yardsticks),
+                row.score.attempts_per_part,
+                row.score.search_time,
+                row.score.searches,
+                row.score.failed,
+                row.score.within,
+                row.score.unsolved,
+            )
+            for row in rows
+        ),
+    )
+
+
+def _verdict(rows: Sequence[Row], yardsticks: Yardsticks) -> Iterator[str]:
+    for row in rows:
+        if not row.strategy.startswith(AIMED_AT) or row.hopeless:
+            continue
+        spiral = yardsticks[row.world, row.component]
+        if row.strategy == AIMED_AT:
+            ratio, what = _ratio(row, yardsticks), "attempts"
+        else:  # a slide tries many places at once; its seconds compare, its attempts do not
+            ratio, what = (
+                ratio_over_seeds(search_times(row.records), search_times(spiral.records)),
+                "seconds at the hole",
+            )
+        told = f"{row.world}, {row.component}: {row.strategy}'s {what} in multiples of the spiral's"
+        yield (
+            f"{aim(told, ratio, AT_MOST)} Left unsolved within R: {row.score.unsolved} of {row.score.within}, "
+            f"by the spiral {spiral.score.unsolved}."
+        )
+    for place, yardstick in yardsticks.items():
+        if yardstick.hopeless:
+            there = [row for row in rows if (row.world, row.component) == place]
+            told = listed(
+                f"{row.strategy} {row.score.attempts} attempts and {row.score.search_time} s" for row in there
+            )
+            yield f"{', '.join(place)}: no hole is within R, nobody can insert. Before it gives up, each spends {told}."
+
+
+def _draw(figure: Canvas, rows: Sequence[Row], yardsticks: Yardsticks, chosen: Choices) -> None:
+    look = looks(chosen.strategies)
+    shown = [name for name in chosen.strategies if name != YARDSTICK]
+    grid = figure.subplots(1, len(chosen.components), squeeze=False, sharey=True)[0]
+    for axes, component in zip(grid, chosen.components, strict=True):
+        for index, strategy in enumerate(shown):
+            there = [row for row in rows if (row.strategy, row.component) == (strategy, component)]
+            ratios = [_ratio(row, yardsticks) for row in there]
+            lines = [chosen.worlds.index(row.world) + 0.2 * (index - (len(shown) - 1) / 2) for row in there]
+            axes.errorbar(
+                [ratio.value for ratio in ratios],
+                lines,
+                xerr=[[0.0 if math.isnan(ratio.error) else ratio.error for ratio in ratios]],
+                fmt=look[strategy].marker,
+                color=look[strategy].colour,
+                label=strategy,
+                capsize=2,
+            )
+        axes.axvline(1.0, color="black", linewidth=1)
+        left, right = axes.get_xlim()
+        axes.axvspan(AT_MOST, max(right, 1.4), color="black", alpha=0.06, linewidth=0)
+        axes.set_xlim(min(0.0, left), max(right, 1.4))
+        axes.set_yticks(range(len(chosen.worlds)), chosen.worlds)
+        axes.set(xlabel="attempts / attempts of the tuned spiral", title=component)
+    grid[0].invert_yaxis()
+    handles, labels = grid[0].get_legend_handles_labels()
+    if handles:
+        figure.legend(handles, labels, loc="outside lower center", ncols=len(labels))
+
+
+STUDY = Robustness()

@@ -1,0 +1,22 @@
+"""The studies of `palpate experiment`, by name; loaded only when asked for."""
+
+from __future__ import annotations
+
+from importlib import import_module
+
+from runtime.errors import InputError, alternatives
+from runtime.experiment.study import Study
+
+STUDIES: dict[str, str] = {
+    "compare": "runtime.experiment.compare:STUDY",
+    "robustness": "runtime.experiment.robustness:STUDY",
+}
+
+
+def study(name: str) -> Study:
+    """The study of that name. Raises InputError that names the ones there are."""
+    if name not in STUDIES:
+        raise InputError(f"no experiment {name!r}; {alternatives(name, STUDIES)}")
+    module, _, attribute = STUDIES[name].partition(":")
+    found: Study = getattr(import_module(module), attribute)
+    return found

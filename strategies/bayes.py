@@ -1,0 +1,47 @@
+"""Bayes search: a belief about the whole board, and the next position where it is most likely to pay."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated
+
+from pydantic import Field
+
+from runtime.messages import SearchGoal
+from runtime.plugin import Search
+from runtime.quantity import Duration, Length, Positive, Speed
+from strategies.pursuit import Pursuit
+
+
+@dataclass(frozen=True)
+class Bayes:
+    """Learns how boards lie, holes stray and parts scatter, from failures too, and tries what pays most per second.
+
+    The belief is hierarchical (`runtime.hierarchy`): the shift and rotation of the board are shared by its holes, each
+    hole has a bias that lasts, each part scatters. Within a search every failure removes what it has ruled out, with
+    the feasible area's true shape. The next position maximises the probability of insertion per second.
+
+    The model may be wrong: after `patience` attempts every other one, and after three times as many every one, belongs
+    to a sweep that finds any hole within the search radius.
+    """
+
+    patience: Annotated[int, Field(ge=1, le=10_000)] = 60  # attempts
+    size_spread: Annotated[float, Field(ge=0.02, le=0.5)] = 0.15  # of the feasible area's half axes, from part to part
+    seat_noise: Annotated[Length, Positive] = 0.06e-3  # [m] per axis, of a seated part's position as a hole's centre
+    peck_time: Annotated[Duration, Positive] = 0.45  # [s] that a failure takes
+    travel_speed: Annotated[Speed, Positive] = 0.05  # [m/s] between positions
+
+    def search(self, goal: SearchGoal) -> Search:
+        """Propose positions until the search radius is swept."""
+        pursuit = Pursuit(goal, self.seat_noise, self.size_spread)
+        number = 0
+        while True:
+            number += 1
+            if number > self.patience and (number % 2 == 0 or number > 3 * self.patience):
+                point = pursuit.guarded()
+                if point is None:
+                    return
+            else:
+                point = pursuit.worthiest(self.peck_time, self.travel_speed)
+            yield pursuit.peck(point)
+            pursuit.missed(point)

@@ -1,0 +1,60 @@
+"""The guard: a sweep of the whole search radius that finds the hole even if everything believed about it is wrong."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from runtime.feasible_area import FeasibleArea
+from strategies.patterns import lattice
+
+Array = NDArray[np.float64]
+
+_PASSES = ((0.72, 0.8), (0.45, 0.55))  # covering radius of the lattice; size of the areas that are surely found
+_RINGS = 3  # of points in a lattice cell at which is looked whether it is covered: 0.03 is the most they miss
+
+
+def sweep(area: FeasibleArea, centre: Array, reach: float, tried: Callable[[], Array]) -> Iterator[Array]:
+    """Positions (2,) [m], nearest to `centre` (2,) [m] first, that leave no gap within `reach` [m] of nominal.
+
+    Two passes over a triangular lattice in the area's own units. The first finds any hole within reach whose area has
+    0.8 of the stated width or more, the second any of 0.55 or more: about 260 positions and 660 more for a reach of
+    ten feasible radii. `tried` tells the positions (n, 2) [m] that were tried so far; cells that they cover are left
+    out.
+    """
+    here = area.to_own(centre)
+    shorter = float(np.linalg.svd(area.half_axes, compute_uv=False)[-1])  # [m]
+    widest = (reach + float(np.hypot(*centre))) / shorter + 1.0
+    for cover, size in _PASSES:
+        cell = _hexagon(cover)
+        for offset in lattice(math.sqrt(3) * cover, widest):
+            middle = here + np.array(offset)
+            corners = area.to_metres(middle + cell)
+            inside = np.hypot(corners[:, 0], corners[:, 1]) <= reach
+            if not inside.any() or _covered(area, (middle + cell)[inside], area.to_own(tried()), size):
+                continue
+            point = area.to_metres(middle)
+            distance = float(np.hypot(*point))
+            yield point if distance <= reach else point * (reach / distance * (1 - 1e-9))
+
+
+def _covered(area: FeasibleArea, points: Array, tried: Array, size: float) -> bool:
+    """Whether areas of `size` about what was tried hold all points (n, 2), in own units."""
+    near = tried[np.abs(tried - points.mean(axis=0)).max(axis=1) < 3.0] if len(tried) else tried
+    if not len(near):
+        return False
+    return bool((area.gauge(points[:, None] - near).min(axis=1) <= size).all())
+
+
+def _hexagon(radius: float) -> Array:
+    """Points (n, 2) that lie close in a hexagon of this circumradius about 0, its rim included."""
+    angle = math.pi / 6 + math.pi / 3 * np.arange(6)
+    corners = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    points = [np.zeros((1, 2))]
+    for ring in range(1, _RINGS + 1):
+        share = np.arange(ring)[:, None, None] / ring
+        points.append(((1 - share) * corners + share * np.roll(corners, -1, axis=0)).reshape(-1, 2) * ring / _RINGS)
+    return radius * np.concatenate(points)

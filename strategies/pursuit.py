@@ -1,0 +1,107 @@
+"""One hole pursued with a belief: what is left of it after each failure, and where a peck is worth most."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from runtime.belief import gaussian
+from runtime.feasible_area import area_of
+from runtime.messages import Proposal, SearchGoal, Waypoint
+from strategies.guard import sweep
+from strategies.learning import belief_at
+from strategies.offset_grid import OffsetGrid, best
+from strategies.patterns import lattice
+from strategies.start import check, reach_of
+
+Array = NDArray[np.float64]
+
+_SPARSE = 1.25  # width of the belief in own units above which a lattice beats greed
+_SPACING = 1.7  # of that lattice, in own units
+_WORTH = 0.62  # share of the best mass that a lattice point must have
+
+
+class Pursuit:
+    """A search under way."""
+
+    def __init__(self, goal: SearchGoal, seat_noise: float, size_spread: float) -> None:
+        """`seat_noise` [m] of a seated part's place, `size_spread` of the feasible area, relative.
+
+        Raises InputError unless the goal's radii are positive lengths.
+        """
+        check(goal)
+        self.area = area_of(goal)
+        belief = belief_at(goal, self.area, seat_noise, size_spread)
+        self.grid = OffsetGrid(self.area, belief, size_spread)
+        self.reach = reach_of(goal, (float(belief.mean[0]), float(belief.mean[1])))  # [m] from nominal
+        self._told = gaussian(belief.mean, belief.covariance)
+        self._tried = np.empty((0, 2))  # [m]
+        away = float(np.hypot(*belief.mean))
+        centre = belief.mean * min(1.0, self.reach / max(away, 1e-12))
+        self._guard = sweep(self.area, centre, self.reach, lambda: self._tried)
+
+    def peck(self, point: Array) -> Proposal:
+        """A peck at a point (2,) [m]."""
+        return self.slide([point])
+
+    def slide(self, path: Sequence[Array]) -> Proposal:
+        """A slide along points (2,) [m]; a single one is pecked at."""
+        x, y = path[0]
+        probability = self._probability(path[0])
+        ways = [Waypoint(float(point[0]), float(point[1])) for point in path[1:]]
+        return Proposal(float(x), float(y), probability=probability, belief=self._told, path=ways)
+
+    def guarded(self) -> Array | None:
+        """The next point (2,) [m] of the sweep that needs no belief; None once the search radius is swept."""
+        return next(self._guard, None)
+
+    def worthiest(self, peck_time: float, travel_speed: float) -> Array:
+        """The point (2,) [m] with the greatest probability of insertion per second.
+
+        `peck_time` [s] is what a failure takes, beside the way to it at `travel_speed` [m/s]. While the belief is wide
+        the point is one of a lattice: greed leaves gaps between its choices in which no other area fits.
+        """
+        places = self.area.to_metres(self.grid.points())
+        here = self._tried[-1] if len(self._tried) else self.area.to_metres(self.grid.mean)
+        cost = peck_time + np.hypot(places[..., 0] - here[0], places[..., 1] - here[1]) / travel_speed
+        worth = (self.allowed() / cost).ravel()
+        index = best(worth)
+        if self.grid.width > _SPARSE:
+            on_lattice = lattice_cells(self.grid.cell, self.grid.side, _SPACING)
+            chosen = int(on_lattice[best(worth[on_lattice])])
+            if worth[chosen] > _WORTH * worth[index]:
+                index = chosen
+        return np.asarray(places.reshape(-1, 2)[index])
+
+    def allowed(self) -> Array:
+        """Probability (side, side) of insertion at each point of the grid, 0 beyond reach."""
+        places = self.area.to_metres(self.grid.points())
+        return np.where(np.hypot(places[..., 0], places[..., 1]) <= self.reach, self.grid.masses(), 0.0)
+
+    def missed(self, point: Array) -> None:
+        """A peck at a point (2,) [m] was blocked."""
+        self._tried = np.concatenate([self._tried, point[None]])
+        self.grid.miss(self.area.to_own(point))
+
+    def passed(self, path: Sequence[Array], share: float, catch: float) -> None:
+        """A slide along points (2,) [m] was blocked; see `OffsetGrid.passed`."""
+        self.missed(path[0])
+        self.grid.passed(self.area.to_own(np.array(path)), share, catch)
+
+    def _probability(self, point: Array) -> float:
+        row, column = self.grid.cell_of(self.area.to_own(point))
+        masses = self.grid.masses()
+        inside = 0 <= row < self.grid.side and 0 <= column < self.grid.side
+        return float(min(masses[row, column], 1.0)) if inside else 0.0
+
+
+@lru_cache(maxsize=128)
+def lattice_cells(cell: float, side: int, spacing: float) -> NDArray[np.intp]:
+    """Cells of a grid, numbered row by row, in which the points of a lattice about its middle lie."""
+    points = np.array(lattice(spacing, cell * side * 0.7072))
+    cells = np.rint(points / cell).astype(int) + side // 2
+    inside = ((cells >= 0) & (cells < side)).all(axis=1)
+    return np.unique(cells[inside, 0] * side + cells[inside, 1])
