@@ -74,7 +74,8 @@ examples:
 examples:
   palpate bench sim                               real-time factors of physics, controller and whole cell
   palpate bench sim --cell capacitor --json figures.json
-  palpate bench robot --seconds 20                packages on time, round trips, late cycles""",
+  palpate bench robot --seconds 20                packages on time, round trips, late cycles
+  palpate bench plan --strategy bayes,meta        milliseconds of thought before each candidate""",
 }
 
 
@@ -202,15 +203,16 @@ def _parser() -> argparse.ArgumentParser:
     bench = _make(commands, "bench", "measure on this machine")
     bench.add_argument(
         "what",
-        choices=("sim", "robot"),
+        choices=("sim", "robot", "plan"),
         help="sim: real-time factors of physics, controller and whole cell; "
-        "robot: how punctual the simulated controller is for two clients on the network",
+        "robot: how punctual the simulated controller is for two clients on the network; "
+        "plan: how long strategies think before each candidate",
     )
     bench.add_argument(
         "--seconds", type=_seconds, default=60.0, metavar="S", help="robot: how long to measure (default: 60)"
     )
     bench.add_argument("--cell", default="igbt", metavar="CELL", help="a cell file or a shipped name (default: igbt)")
-    bench.add_argument("--strategy", metavar="NAME", help="instead of the cell's own")
+    bench.add_argument("--strategy", metavar="NAME", help="instead of the cell's own; plan: one or more, with commas")
     bench.add_argument("--seed", type=int, metavar="S", help="instead of the cell's own")
     bench.add_argument("--port", type=int, metavar="PORT", help="of the cell's Zenoh router (default: 7447)")
     bench.add_argument("--json", metavar="FILE", help="write the figures there as name: number")

@@ -48,7 +48,10 @@ class Workbench(Protocol):
 
 @dataclass
 class PlainJob:
-    """A job from an empty store. `prior` false: goals carry no belief, for strategies that do not start from it."""
+    """A job, from an empty store unless `seats` and `misses` say what is known.
+
+    `prior` false: goals carry no belief, for strategies that do not start from it.
+    """
 
     cell: Cell
     strategy: Strategy
@@ -61,10 +64,11 @@ class PlainJob:
         """Work through the cell's boards."""
         decide = redacted_cell(self.cell, "assembly")
         session = SearchSession(self.strategy)
-        number = 0
-        for board in range(1, self.cell.boards + 1):
-            for hole in self.cell.board.holes:
-                number += 1
+        holes = self.cell.board.holes
+        first = 1 + max((item.board for item in (*self.seats, *self.misses)), default=0)
+        for board in range(first, first + self.cell.boards):
+            for index, hole in enumerate(holes):
+                number = (board - 1) * len(holes) + index + 1
                 begun = self.bench.time
                 goal = goal_for(decide, hole, self._belief(hole.name, board), board, number, begun)
                 self.bench.begin(number, board, hole.name)

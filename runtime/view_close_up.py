@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -44,7 +45,7 @@ class CloseUp:
     def begin(self, goal: SearchGoal) -> None:
         """A new hole: its search radius, what is believed, and where parts went in before."""
         self._attempts = []
-        for name in ("attempts", "next", "true"):
+        for name in ("attempts", "slides", "next", "true"):
             self._log(name, rr.Clear(recursive=False))
         if goal.search_radius != self._radius:
             self._radius = goal.search_radius
@@ -69,8 +70,10 @@ class CloseUp:
             return
         place = candidate.proposal
         reach = self._radius * _MM
-        ring = [_ring((place.x * _MM, place.y * _MM), 0.045 * reach)]
-        self._log("next", rr.LineStrips2D(ring, colors=NEXT, radii=0.011 * reach, draw_order=40.0))
+        lines = [_ring((place.x * _MM, place.y * _MM), 0.045 * reach)]
+        if place.path:
+            lines.append(_way([(place.x, place.y), *((point.x, point.y) for point in place.path)]))
+        self._log("next", rr.LineStrips2D(lines, colors=NEXT, radii=0.011 * reach, draw_order=40.0))
         if place.belief.known:
             self._belief(place.belief)
 
@@ -79,7 +82,12 @@ class CloseUp:
         self._attempts.append(attempt)
         colours = [_COLOURS.get(Outcome(item.outcome), ABORTED) for item in self._attempts]
         places = [(item.x * _MM, item.y * _MM) for item in self._attempts]
-        self._log("attempts", _points(places, colours, 0.024 * self._radius * _MM, 30.0))
+        reach = self._radius * _MM
+        self._log("attempts", _points(places, colours, 0.024 * reach, 30.0))
+        slid = [_way(_slid(item)) for item in self._attempts if item.path]
+        shades = [colour for colour, item in zip(colours, self._attempts, strict=True) if item.path]
+        if slid:
+            self._log("slides", rr.LineStrips2D(slid, colors=shades, radii=0.006 * reach, draw_order=25.0))
         self._log("next", rr.Clear(recursive=False))
 
     def _belief(self, belief: Gaussian) -> None:
@@ -128,6 +136,21 @@ def _seen(place: tuple[float, float]) -> tuple[float, float]:
 
 def _ring(centre: tuple[float, float], radius: float) -> NDArray[np.float64]:
     return np.stack([centre[0] + radius * np.cos(_CIRCLE), -(centre[1] + radius * np.sin(_CIRCLE))], axis=1)
+
+
+def _slid(attempt: Attempt) -> list[tuple[float, float]]:
+    """What of its path [m] an attempt slid along: all, or up to the point nearest to where the pins dropped in."""
+    way = [(point.x, point.y) for point in attempt.path]
+    if attempt.outcome == Outcome.BLOCKED:
+        return way
+    end = (attempt.x, attempt.y)
+    detours = [math.dist(a, end) + math.dist(end, b) - math.dist(a, b) for a, b in pairwise(way)]
+    last = min(range(len(detours)), key=detours.__getitem__) if detours else 0
+    return [*way[: last + 1], end]
+
+
+def _way(points: list[tuple[float, float]]) -> NDArray[np.float64]:
+    return np.array([_seen((x * _MM, y * _MM)) for x, y in points])
 
 
 def _points(places: list[tuple[float, float]], colours: Any, radius: float, order: float) -> Any:

@@ -400,7 +400,7 @@ def test_ascent_along_eq_31_walks_away_from_the_mean() -> None:
 
 
 @pytest.mark.parametrize("of", ["covariance", "precision"])
-def test_eq_42_holds_for_no_single_meaning_of_lambda(of: str) -> None:
+def test_eq_40_holds_for_no_single_meaning_of_lambda(of: str) -> None:
     z, area = disc()
     variances, axes = np.linalg.eigh(covariance_of(SLANTED))
     eigenvalues = variances if of == "covariance" else 1 / variances

@@ -23,10 +23,12 @@ from drivers.ur3e.driver import MujocoUr3e
 from drivers.ur3e.parameters import CYCLE, GRIPPER, UNLOCK_DELAY
 from drivers.ur3e.simulated_arm import SimulatedArm
 from drivers.ur3e.simulated_cell import SimulatedCell
+from drivers.ur3e.skill import InsertionSkill
 from drivers.ur3e.wired_arm import WiredArm
 from runtime import config
 from runtime.component import component
 from runtime.errors import ArmError
+from runtime.messages import Outcome
 
 pytest.importorskip("rtde_control")
 
@@ -405,6 +407,29 @@ def test_a_part_is_held_pressed_down_and_let_go(bench: Bench) -> None:
     arm.moveL(pose(*SOLID, CELL.board.z + 0.05), 0.1)
     assert arm.setToolDigitalOut(0, False)
     assert not bench.look(truth).holding
+
+
+def test_pins_slide_into_their_holes(bench: Bench) -> None:
+    """Force mode down and a speed across at the same time, one ended without the other, again and again."""
+    bench.present_part()
+    skill = InsertionSkill(bench.arm, MujocoUr3e().workcell, CELL.board, PART)
+    skill.pick()
+    bench.look(put_holes, CELL.board.x + HOLE.x, CELL.board.y + HOLE.y)
+    felt = skill.slide(HOLE, [(-1e-3, 0.0), (1e-3, 0.0)])
+    assert (felt.outcome, felt.reason) == (Outcome.SEATED, "")
+    assert 0.5e-3 < felt.travelled < 1.8e-3
+    assert felt.depth > 0.95 * PART.depth
+    assert not bench.look(complies)
+    skill.release()
+    assert not bench.look(truth).holding
+
+
+def put_holes(arm: SimulatedArm, x: float, y: float) -> None:
+    arm.scene.place_holes(x, y, HOLE.orientation or 0.0)
+
+
+def complies(arm: SimulatedArm) -> bool:
+    return arm.controller.compliance is not None
 
 
 def test_tool_contact_counts_back_to_the_touch(bench: Bench) -> None:

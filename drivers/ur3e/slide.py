@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from bisect import bisect_right
 from collections.abc import Sequence
+from itertools import pairwise
 
 from drivers.ur3e import frames
 from drivers.ur3e.arm import Arm
@@ -23,7 +24,8 @@ _ACCELERATION = 2.0  # [m/s2] across
 _RETURN = 0.02  # [s] in which a deviation from the path is taken back
 _YIELD = 0.02  # [m/s] at most along compliant axes
 _DEVIATION = (5e-3, 0.1)  # [m], [rad] along the others: the lateral force ends the slide long before
-_RELAX = 0.1  # [s] in which pins that were driven against a wall come free of it
+_RELAX = (0.1, 0.3)  # [s] at least and at most, for chamfers to pull, and pins to come free of the wall they met
+_FREE = 1.0  # [N] across, at which they are: three times the sensor's noise
 _AGAIN = 0.1e-3  # [m] pins caught twice within it are stuck
 _GRACE = 1.0  # [s] a motion may take longer than its distance and speed say
 
@@ -37,7 +39,7 @@ class Polyline:
             raise InputError("a slide needs a path of at least one point")
         self.points = [(float(x), float(y)) for x, y in points]
         self._starts = [0.0]  # [m] along the path at which each point is
-        for (ax, ay), (bx, by) in zip(self.points, self.points[1:], strict=False):
+        for (ax, ay), (bx, by) in pairwise(self.points):
             self._starts.append(self._starts[-1] + math.hypot(bx - ax, by - ay))
 
     @property
@@ -124,8 +126,7 @@ class Slide:
                 touch.cycle()
                 touch.travelled = path.progress(*self._offset(), touch.travelled)
                 touch.x, touch.y = path.at(touch.travelled)
-                fx, fy = arm.getActualTCPForce()[:2]
-                resisted = resisted + 1 if math.hypot(fx, fy) > settings.lateral_force else 0
+                resisted = resisted + 1 if self._resistance() > settings.lateral_force else 0
                 if resisted >= settings.contact_cycles or self._dropped():
                     return True
                 self._level = max(self._level, self._height())
@@ -144,10 +145,13 @@ class Slide:
         along a slide in x then strays by 53 to 111 um (sd), against 12 to 36 um.
         """
         touch, speed = self._touch, self._settings.home_speed
-        touch.allow(_RELAX + touch.full / speed + _GRACE)
+        shortest, longest = _RELAX
+        touch.allow(longest + touch.full / speed + _GRACE)
         self._comply([1, 1, 1, 0, 0, 0])
-        for _ in range(round(_RELAX / CYCLE)):
+        cycles = 0
+        while cycles * CYCLE < shortest or (cycles * CYCLE < longest and self._resistance() > _FREE):
             touch.cycle()
+            cycles += 1
         self._arm.forceModeStop()
         touch.descend(speed)
         touch.measure()
@@ -156,6 +160,11 @@ class Slide:
     def _height(self) -> float:
         """Of the pin tips [m]."""
         return self._arm.getActualTCPPose()[2]
+
+    def _resistance(self) -> float:
+        """Force across [N]."""
+        x, y = self._arm.getActualTCPForce()[:2]
+        return math.hypot(x, y)
 
     def _offset(self) -> tuple[float, float]:
         """Where the TCP is, from nominal [m]. The commanded one will not do: pressing moves it by 50 um across."""

@@ -20,7 +20,7 @@ from runtime.plugin import BareRun, Punctuality
 
 def bench_command(arguments: argparse.Namespace) -> int:
     """Measure, print a table, write the figures where asked."""
-    figures = {"sim": bench_sim, "robot": bench_robot}[arguments.what](arguments)
+    figures = {"sim": bench_sim, "robot": bench_robot, "plan": bench_plan}[arguments.what](arguments)
     if arguments.json:
         try:
             Path(arguments.json).write_text(json.dumps(figures, indent=2) + "\n", encoding="utf-8")
@@ -90,6 +90,37 @@ def bench_robot(arguments: argparse.Namespace) -> dict[str, float]:
     table.add_row("control cycles that began a cycle late", f"{found.overruns} of {found.cycles}")
     Console().print(table)
     return figures
+
+
+def bench_plan(arguments: argparse.Namespace) -> dict[str, float]:
+    """How long strategies think before each candidate, on one core, in the realistic world."""
+    from runtime.experiment.contenders import contender
+    from runtime.experiment.planning import PASTS, figures, thinking
+    from runtime.experiment.worlds import world
+
+    names = arguments.strategy.split(",") if arguments.strategy else ["meta", "bayes", "bayes-slide"]
+    part = config.load(arguments.cell, {}).cell.component
+    table = Table(box=None, pad_edge=False)
+    table.add_column("strategy")
+    for heading in ("mean", "p99", "worst", "first of a search", *(f"after {boards} boards" for boards in PASTS)):
+        table.add_column(heading, justify="right")
+    found: dict[str, float] = {}
+    for name in names:
+        said = figures(name, thinking(contender(name), world("realistic"), part, seeds=3))
+        found |= said
+        pasts = [(said[f"{name}_after_{boards}_boards_{how}_ms"] for how in ("cold", "warm")) for boards in PASTS]
+        times = [said[f"{name}_{key}_ms"] for key in ("mean", "p99", "worst", "first_mean")]
+        table.add_row(
+            name, *(f"{time:.1f}" for time in times), *(" / ".join(f"{t:.1f}" for t in past) for past in pasts)
+        )
+    console = Console()
+    console.print(table)
+    console.print(
+        f"ms before a candidate, {part}, realistic world, 3 x 10 boards, one core; after so many boards: "
+        "before the first candidate of a fresh process / of the search after it",
+        highlight=False,
+    )
+    return found
 
 
 def _show(figures: dict[str, float], what: str) -> None:

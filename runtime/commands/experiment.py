@@ -54,13 +54,10 @@ def choices(chosen_study: Study, arguments: argparse.Namespace) -> Choices:
     defaults = chosen_study.defaults
     said = {option: value for option in vars(defaults) if (value := getattr(arguments, option)) not in (None, False)}
     for option in said:
-        if getattr(defaults, option) in (0, (), None):
-            offered = [name for name, value in vars(defaults).items() if value not in (0, (), None)]
-            instead = ", ".join(f"--{name}" for name in offered)
-            raise InputError(
-                f"{chosen_study.name} has no --{option}; "
-                + (f"its own options are {instead}" if instead else "it has no options of its own")
-            )
+        if option not in defaults.offered:
+            offered = ", ".join(f"--{name}" for name in defaults.offered)
+            instead = f"its own options are {offered}" if offered else "it has no options of its own"
+            raise InputError(f"{chosen_study.name} has no --{option}; {instead}")
     for option, find in KNOWN.items():
         if option in said:
             said[option] = _names(option, said[option])
@@ -88,7 +85,7 @@ def _list(console: Console) -> None:
         table.add_column(heading, overflow="fold")
     for name in STUDIES:
         one = study(name)
-        options = [f"--{option}" for option, value in vars(one.defaults).items() if value not in (0, (), None)]
+        options = [f"--{option}" for option in one.defaults.offered]
         table.add_row(name, one.summary, str(one.defaults.seeds or "-"), " ".join(options) or "-")
     console.print(table)
 

@@ -18,17 +18,23 @@ _DEATH_SIGNAL = 1  # PR_SET_PDEATHSIG of prctl(2)
 
 
 @contextmanager
-def executor(name: str) -> Iterator[None]:
-    """Let joblib run on the executor of that name. Raises InputError for what is unknown or not installed."""
+def executor(name: str) -> Iterator[bool]:
+    """Let joblib run on the executor of that name; yields whether that hands over each result as soon as it is there.
+
+    Raises InputError for what is unknown or not installed, SessionError for a cluster that does not answer.
+    """
+    scheme, _, place = name.partition("://")
     if name == LOCAL:
         with _local():
-            yield
-        return
-    scheme, separator, place = name.partition("://")
-    if not separator or not place or scheme not in ("dask", "ray"):
+            yield True
+    elif scheme == "dask" and place:
+        with _dask(place):
+            yield True
+    elif scheme == "ray" and place:
+        with _ray(name):
+            yield False
+    else:
         raise InputError(f"no executor {name!r}; known: {FORMS}")
-    with _dask(place) if scheme == "dask" else _ray(name):
-        yield
 
 
 @contextmanager
@@ -66,7 +72,7 @@ def _dask(place: str) -> Iterator[None]:
     from joblib import parallel_config
 
     try:
-        client = Client(f"tcp://{place}", timeout="10s", set_as_default=False)
+        client = Client(f"tcp://{place}", timeout="5s", set_as_default=False)
     except (OSError, ValueError) as error:
         raise SessionError(f"no dask scheduler answers at {place}: {error}") from None
     with client:

@@ -108,6 +108,11 @@ class Choices:
         """The seeds themselves, from 1."""
         return range(1, self.seeds + 1)
 
+    @property
+    def offered(self) -> tuple[str, ...]:
+        """Of a study's defaults: which of them are options."""
+        return tuple(name for name, value in vars(self).items() if value is False or value not in (0, (), None))
+
 
 @dataclass(frozen=True)
 class Table:

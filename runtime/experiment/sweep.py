@@ -11,6 +11,8 @@ from runtime.experiment.cache import Cache, key_of
 from runtime.experiment.executor import LOCAL, executor
 from runtime.experiment.study import Result, Work
 
+ROUND = 64  # pieces that an executor is given at a time if it hands over no single results
+
 
 @dataclass(frozen=True)
 class Progress:
@@ -73,13 +75,20 @@ def _run(missing: list[tuple[str, Work[Any]]], jobs: int, where: str) -> Iterato
         return
     from joblib import Parallel, delayed
 
-    with executor(where):
-        parallel = Parallel(n_jobs=jobs, return_as="generator_unordered", max_nbytes=None)
-        yield from parallel(delayed(_do)(key, piece) for key, piece in missing)
+    calls = [delayed(_do)(key, piece) for key, piece in missing]
+    with executor(where) as streams:
+        if streams:
+            yield from Parallel(n_jobs=jobs, return_as="generator_unordered", max_nbytes=None)(calls)
+            return
+        for begin in range(0, len(calls), ROUND):
+            yield from Parallel(n_jobs=jobs)(calls[begin : begin + ROUND])
 
 
 def _do(key: str, piece: Work[Any]) -> tuple[str, Any]:
     """One piece, on whatever machine; refuses to answer with other code than was asked for."""
     if key_of(piece) != key:
-        raise SessionError("a worker has another version of palpate or of its packages; install the same everywhere")
+        raise SessionError(
+            "a worker has another version of palpate or of its packages, or files changed meanwhile; "
+            "install the same everywhere"
+        )
     return key, piece.run()
