@@ -102,10 +102,10 @@ def feasible(component: Component, x: float, y: float, yaw: float = 0.0, wider: 
 
 
 @cache
-def feasible_area(component: Component, yaw: float = 0.0) -> float:
+def feasible_area(component: Component, yaw: float = 0.0, wider: float = 0.0) -> float:
     """Area [m^2] of the offsets at which the part goes in: half the integral of the squared clearance over angle."""
     step = 2 * math.pi / _DIRECTIONS
-    return 0.5 * step * sum(clearance(component, index * step, yaw) ** 2 for index in range(_DIRECTIONS))
+    return 0.5 * step * sum(clearance(component, index * step, yaw, wider) ** 2 for index in range(_DIRECTIONS))
 
 
 def feasible_radius(component: Component, yaw: float = 0.0) -> float:

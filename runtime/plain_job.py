@@ -59,6 +59,7 @@ class PlainJob:
     prior: bool = True
     seats: list[Seat] = field(default_factory=list)
     misses: list[Miss] = field(default_factory=list)
+    attempts: list[Attempt] = field(default_factory=list)  # of all searches so far, in order
 
     def searches(self) -> Iterator[SearchRecord]:
         """Work through the cell's boards."""
@@ -76,6 +77,7 @@ class PlainJob:
                 seated = bool(attempts) and attempts[-1].outcome == Outcome.SEATED
                 self.bench.end(seated)
                 self._remember(goal, attempts)
+                self.attempts += attempts
                 yield SearchRecord(
                     board=board,
                     hole=hole.name,

@@ -61,6 +61,7 @@ class BareRun:
     machine_time: float  # [s]
     physics_time: float  # [s] of machine time within the physics engine
     searches: tuple[SearchRecord, ...]
+    attempts: tuple[Attempt, ...]  # of all searches, in order
 
 
 @dataclass(frozen=True)

@@ -83,6 +83,7 @@ class OffsetGrid:
         whole += np.einsum("n,ni,nj->ij", self._weights, apart, apart)
         self.width = float(np.linalg.det(whole)) ** 0.25
         self._failures: list[_Peck | _Slide] = []
+        self._masses: Array | None = None  # computed when asked for
         self._exhausted = 0.05  # of the density left, below which the grid is too small for what is left
         self._build(_REACH * float(np.linalg.eigvalsh(whole)[-1]) ** 0.5 + 1.0)
 
@@ -93,10 +94,12 @@ class OffsetGrid:
 
     def masses(self) -> Array:
         """Probability (side, side) of success at each point of the grid, given all that has failed."""
-        hits = _hits(self._area, self._size_spread, self.cell, self.side)
-        found = (rfft2(self._mass) * hits.transform).sum(axis=0)
-        mass = irfft2(found, s=(self.side, self.side))
-        return np.asarray(np.maximum(mass, 0.0) / max(self.left, 1e-30), dtype=float)
+        if self._masses is None:
+            hits = _hits(self._area, self._size_spread, self.cell, self.side)
+            found = (rfft2(self._mass) * hits.transform).sum(axis=0)
+            mass = irfft2(found, s=(self.side, self.side))
+            self._masses = np.asarray(np.maximum(mass, 0.0) / max(self.left, 1e-30), dtype=float)
+        return self._masses
 
     def cell_of(self, point: Array) -> tuple[int, int]:
         """Row and column of the cell that holds a point (2,), whether or not they are within the grid."""
@@ -124,6 +127,7 @@ class OffsetGrid:
 
     def _learn(self, failure: _Peck | _Slide) -> None:
         self._failures.append(failure)
+        self._masses = None
         self._cut(failure)
         if self.left < self._exhausted and self.side < _CELLS[1]:
             self._exhausted /= 2

@@ -284,9 +284,9 @@ def test_force_mode_and_motion_end_when_the_cell_closes_in_the_middle() -> None:
     assert bench.arm.isSteady()
 
 
-def test_a_slide_that_presses_harder_than_contact_is_refused() -> None:
-    with pytest.raises(ValidationError, match="slide_force is 5 N and must be below contact_force, 5 N"):
-        TypeAdapter(SkillSettings).validate_python({"slide_force": "5 N"})
+def test_a_slide_that_presses_harder_than_the_push_home_is_refused() -> None:
+    with pytest.raises(ValidationError, match="home_force is 5 N and must be above slide_force, 6 N"):
+        TypeAdapter(SkillSettings).validate_python({"slide_force": "6 N"})
     assert TypeAdapter(SkillSettings).validate_python({"slide_speed": "5 mm/s"}).slide_speed == 5e-3
 
 

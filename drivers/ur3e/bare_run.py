@@ -81,4 +81,4 @@ def bare_run(setup: Setup, cell: Cell, strategy: Strategy | None = None, *, prio
     watch = Stopwatch()
     job = PlainJob(cell, strategy or strategy_of(cell, "cell"), PhysicsBench(cell, world, skill), prior)
     searches = tuple(job.searches())
-    return BareRun(world.arm.time / NANOSECONDS, watch.seconds, physics.seconds, searches)
+    return BareRun(world.arm.time / NANOSECONDS, watch.seconds, physics.seconds, searches, tuple(job.attempts))

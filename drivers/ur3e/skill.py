@@ -111,7 +111,7 @@ class InsertionSkill:
         """Go down until contact or depth, stop, and judge."""
         speed = self._settings.descent_speed
         touch.allow((self._cell.approach_height + touch.full) / speed + _GRACE)
-        touch.descend(speed)
+        touch.descend(speed, self._settings.contact_force)
         contact = touch.contact
         touch.measure()
         if touch.seated:

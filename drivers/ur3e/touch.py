@@ -37,13 +37,14 @@ class SkillSettings:
     drop_depth: Annotated[Length, Positive] = 0.1e-3  # [m] below the board that was touched at which pins are in a hole
     lateral_force: Annotated[Force, Positive] = 4.0  # [N] against the slide at which pins are caught at an edge
     home_speed: Annotated[Speed, Positive] = 8e-3  # [m/s] downwards once the pins have dropped in
+    home_force: Annotated[Force, Positive] = 5.0  # [N] ends that way down; above slide_force
 
     def __post_init__(self) -> None:
         """Raises ValueError, which the cell file's reader explains."""
-        if self.slide_force >= self.contact_force:
+        if self.home_force <= self.slide_force:
             raise ValueError(
-                f"slide_force is {self.slide_force:g} N and must be below contact_force, {self.contact_force:g} N: "
-                "pins pushed home would meet contact at once"
+                f"home_force is {self.home_force:g} N and must be above slide_force, {self.slide_force:g} N: "
+                "pins pushed home would be stopped at once"
             )
 
 
@@ -80,6 +81,7 @@ class Touch:
         self._wrench: list[float] | tuple[float, ...] = (0.0,) * 6  # [N, Nm] base
         self._begun = self._last = arm.getTimestamp()
         self._deadline = self._begun
+        self._limit = settings.contact_force  # [N] beyond which a force upwards is contact
         self._contacts = 0
 
     @property
@@ -89,7 +91,7 @@ class Touch:
 
     @property
     def contact(self) -> bool:
-        """Whether the force upwards exceeds the contact force, and not for one cycle only."""
+        """Whether the force upwards exceeds that of the descent's end, and not for one cycle only."""
         return self._contacts >= self._settings.contact_cycles
 
     @property
@@ -101,7 +103,6 @@ class Touch:
         """The next motion may take so long; a safeguard stop and a reduced speed only lengthen it."""
         self._last = self._arm.getTimestamp()
         self._deadline = self._last + seconds
-        self._contacts = 0
 
     def cycle(self) -> None:
         """Let a control cycle pass. Raises ArmError at a protective stop."""
@@ -109,7 +110,7 @@ class Touch:
         arm.waitPeriod(arm.initPeriod())
         force = arm.getActualTCPForce()[2]
         self.peak_force = max(self.peak_force, force)
-        self._contacts = self._contacts + 1 if force > self._settings.contact_force else 0
+        self._contacts = self._contacts + 1 if force > self._limit else 0
         safety = arm.getSafetyMode()
         if safety == PROTECTIVE_STOP:
             self.measure()
@@ -119,9 +120,10 @@ class Touch:
             self._deadline += now - self._last
         self._last = now
 
-    def descend(self, speed: float) -> None:
-        """Go straight down [m/s] until contact, depth or the end of the time, and stop."""
+    def descend(self, speed: float, force: float) -> None:
+        """Go straight down [m/s] until contact, which is a force [N], depth or the end of the time, and stop."""
         arm = self._arm
+        self._limit, self._contacts = force, 0
         arm.speedL([0.0, 0.0, -speed, 0.0, 0.0, 0.0], self._settings.descent_acceleration)
         while arm.getActualTCPPose()[2] > self.deepest and not self.contact and not self.expired:
             self.cycle()

@@ -108,11 +108,12 @@ def bench_plan(arguments: argparse.Namespace) -> dict[str, float]:
     for name in names:
         said = figures(name, thinking(contender(name), world("realistic"), part, seeds=3))
         found |= said
-        pasts = [(said[f"{name}_after_{boards}_boards_{how}_ms"] for how in ("cold", "warm")) for boards in PASTS]
+        pasts = [
+            " / ".join(f"{said[f'{name}_after_{boards}_boards_{how}_ms']:.1f}" for how in ("cold", "warm"))
+            for boards in PASTS
+        ]
         times = [said[f"{name}_{key}_ms"] for key in ("mean", "p99", "worst", "first_mean")]
-        table.add_row(
-            name, *(f"{time:.1f}" for time in times), *(" / ".join(f"{t:.1f}" for t in past) for past in pasts)
-        )
+        table.add_row(name, *(f"{time:.1f}" for time in times), *pasts)
     console = Console()
     console.print(table)
     console.print(

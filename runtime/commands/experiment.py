@@ -18,6 +18,7 @@ from runtime.component import component
 from runtime.errors import InputError
 from runtime.experiment.cache import Cache, default_folder
 from runtime.experiment.contenders import contender
+from runtime.experiment.executor import LOCAL
 from runtime.experiment.report import show, write
 from runtime.experiment.studies import STUDIES, study
 from runtime.experiment.study import Choices, Study, Work
@@ -39,6 +40,8 @@ def experiment_command(arguments: argparse.Namespace) -> int:
     chosen = choices(chosen_study, arguments)
     if arguments.jobs is not None and arguments.jobs < 1:
         raise InputError(f"--jobs: {arguments.jobs} processes can do nothing; write 1 or more")
+    if arguments.jobs is not None and arguments.executor != LOCAL:
+        raise InputError("--jobs is about this machine; a cluster uses all of its workers")
     folder = Path(arguments.out) if arguments.out else Path("experiments") / chosen_study.name
     cache = Cache(Path(arguments.cache) if arguments.cache else default_folder())
     results = _run(chosen_study, chosen_study.work(chosen), cache, arguments, console)

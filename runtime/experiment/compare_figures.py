@@ -64,9 +64,8 @@ def _learning(axes: Any, rows: Sequence[Row], look: dict[str, Look]) -> None:
         errors = [0.0 if math.isnan(estimate.error) else estimate.error for estimate in curve.values()]
         low, high = zip(*((mean - error, mean + error) for mean, error in zip(means, errors, strict=True)), strict=True)
         axes.fill_between(boards, low, high, color=one.colour, alpha=0.2, linewidth=0)
-    axes.axhline(
-        rows[0].limits.estimate, color="black", linewidth=1, linestyle=(0, (1, 1)), label="estimated limit, mean"
-    )
+    limit = [sum(board) / len(board) for board in rows[0].limits.estimates]
+    axes.plot(range(1, 1 + len(limit)), limit, color="black", linewidth=1, label="estimated limit")
     axes.set(xlabel="board", ylabel="attempts for each search", yscale="log")
     _plain(axes.yaxis)
     axes.xaxis.get_major_locator().set_params(integer=True)
@@ -74,6 +73,8 @@ def _learning(axes: Any, rows: Sequence[Row], look: dict[str, Look]) -> None:
 
 def _limit(axes: Any, rows: Sequence[Row], look: dict[str, Look]) -> None:
     for index, row in enumerate(rows):
+        if math.isnan(row.limits.estimate):
+            continue
         ratio, error = row.score.attempts.value / row.limits.estimate, row.score.attempts.error / row.limits.estimate
         reach = 0.0 if math.isnan(error) else error
         hatch = "///" if row.score.success_rate < GIVES_UP else ""

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from runtime import registry
-from runtime.errors import InputError
+from runtime.errors import InputError, alternatives
 from runtime.plugin import Strategy
 
 
@@ -45,5 +45,5 @@ def contender(name: str) -> Contender:
         return CONTENDERS[name]
     if name in registry.names(registry.STRATEGIES):
         return Contender(name, name, prior=True)
-    known = ", ".join(sorted({*CONTENDERS, *registry.names(registry.STRATEGIES)}))
-    raise InputError(f"no strategy {name!r} to compare; known: {known}")
+    known = {*CONTENDERS, *registry.names(registry.STRATEGIES)}
+    raise InputError(f"no strategy {name!r} to compare; {alternatives(name, known)}")

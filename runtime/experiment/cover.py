@@ -26,6 +26,7 @@ from scipy.signal import fftconvolve
 
 Array = NDArray[np.float64]
 
+_CUT = 4.95  # widths from its mean at which a normal density is cut off: 5e-6 of it lies beyond
 _LEFT = 3e-5  # of the mass: what greedy and lattice may leave
 _POLISH_LIMIT = 60  # places: longer sequences are lattices, which moving single places betters by 1 % at most
 _SPACINGS = (1.55, 1.65, 1.73)  # of a triangular lattice of discs; sqrt 3 is the widest that leaves no gap
@@ -98,11 +99,34 @@ class Density:
 
 
 def normal_density(wide: float, narrow: float, spacing: float | None = None) -> Density:
-    """A normal density about the origin with widths along x and y, cut off where 5e-6 of it is left."""
+    """A normal density about the origin with widths along x and y."""
     h = spacing or min(0.05 if wide * narrow < 9 else 0.08, narrow / 6)
-    x, y = (_axis(4.95 * width + 1.5, h) for width in (wide, narrow))
+    x, y = (_axis(_CUT * width + 1.5, h) for width in (wide, narrow))
     mass = np.exp(-0.5 * ((x[:, None] / wide) ** 2 + (y / narrow) ** 2))
     return Density(x, y, mass / mass.sum())
+
+
+def ring_density(circle: Array, covariance: Array) -> Density:
+    """A normal density whose mean lies anywhere on an ellipse: `circle` (2, 2) times all unit vectors, evenly."""
+    narrow = math.sqrt(np.linalg.eigvalsh(covariance)[0])
+    length = np.linalg.norm(circle, 2)
+    count = max(16, 4 * math.ceil(2 * math.pi * length / narrow))
+    angle = 2 * math.pi / count * np.arange(count)
+    means = circle @ np.stack([np.cos(angle), np.sin(angle)])  # (2, count)
+    half = np.abs(means).max(axis=1) + _CUT * np.sqrt(np.diag(covariance)) + 1.5
+    x, y = (_axis(float(reach), max(min(0.05, narrow / 6), float(half.max()) / 400)) for reach in half)
+    inverse, mass = np.linalg.inv(covariance), np.zeros((len(x), len(y)))
+    for mean in means.T:
+        dx, dy = x[:, None] - mean[0], y[None, :] - mean[1]
+        mass += np.exp(-0.5 * (inverse[0, 0] * dx**2 + 2 * inverse[0, 1] * dx * dy + inverse[1, 1] * dy**2))
+    return Density(x, y, mass / mass.sum())
+
+
+def bound_of(density: Density, area: float) -> float:
+    """Attempts that no sequence goes below for any density: n areas hold at most the mass of the best cells."""
+    held = np.concatenate([[0.0], np.cumsum(np.sort(density.mass, axis=None)[::-1])])
+    cells = np.arange(0.0, len(held), area / density.spacing**2)
+    return float((1.0 - np.interp(cells, np.arange(len(held)), held)).sum())
 
 
 def _axis(half: float, spacing: float) -> Array:
@@ -240,7 +264,7 @@ def _polished(cover: Cover) -> Cover:
     def cost(flat: Array) -> tuple[float, Array]:
         return _attempts_and_slope(cover.shape, flat.reshape(-1, 2), x, y, mass, coarse.spacing)
 
-    found = minimize(cost, np.array(cover.places).ravel(), jac=True, method="L-BFGS-B", options={"maxiter": 60})
+    found = minimize(cost, np.array(cover.places).ravel(), jac=True, method="L-BFGS-B", options={"maxiter": 40})
     return _laid(cover.shape, cover.density, [(float(a), float(b)) for a, b in found.x.reshape(-1, 2)])
 
 

@@ -18,7 +18,18 @@ from runtime.experiment.cover import Shape, bound, fewest, normal_density
 
 Array = NDArray[np.float64]
 
-_WIDTHS = (0.2, 0.3, 0.4, 0.52, 0.7, 1.0, 1.4, 2.0, 3.0)  # geometric means; beyond them the excess no longer changes
+_WIDTHS = (
+    0.2,
+    0.3,
+    0.4,
+    0.52,
+    0.68,
+    0.85,
+    1.05,
+    1.4,
+    2.0,
+    3.0,
+)  # geometric means; beyond them the excess no longer changes
 _RATIOS = (1.0, 1.6, 2.8)  # of the wider to the narrower width, the wider along x
 
 
@@ -44,7 +55,7 @@ class CoverTable:
 
 def cover_table(shape: Shape) -> CoverTable:
     """The table of a shape; some ten seconds where it was not asked for before in this process."""
-    return _table(tuple(float(reach) for reach in shape.rim))
+    return _table(tuple(round(float(reach), 3) for reach in shape.rim))
 
 
 @cache

@@ -48,7 +48,7 @@ def _local() -> Iterator[None]:
         ):
             yield
     except BaseException:
-        get_reusable_executor().shutdown(wait=True, kill_workers=True)
+        get_reusable_executor(reuse=True).shutdown(wait=True, kill_workers=True)
         raise
 
 

@@ -76,7 +76,7 @@ def thinking(contender: Contender, world: NamedWorld, part: str, seeds: int) -> 
 
 
 def _with_past(contender: Contender, world: NamedWorld, part: str, boards: int) -> tuple[float, float]:
-    """Time before the first candidate after so many boards, first in a strategy that has learned nothing, then again."""
+    """Time before the first candidate after so many boards: of a strategy that has learned nothing, and of the next."""
     cell = replace(world.cell(part, seed=boards), boards=1)
     drawn = World(cell.board, component(part), cell.tolerances, cell.seed)
     seats = []

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Sequence
+from contextlib import closing
 from dataclasses import dataclass
 from typing import Any
 
@@ -63,14 +64,15 @@ def sweep(
     cached = len(found)
     report(Progress(cached, len(wanted), cached))
     missing = [(key, piece) for key, piece in wanted.items() if key not in found]
-    for key, result in _run(missing, jobs, where):
-        cache.store(wanted[key], key, result)
-        found[key] = result
-        report(Progress(len(found), len(wanted), cached))
+    with closing(_run(missing, jobs, where)) as arriving:  # an interrupt anywhere ends the workers
+        for key, result in arriving:
+            cache.store(wanted[key], key, result)
+            found[key] = result
+            report(Progress(len(found), len(wanted), cached))
     return Swept(found, cached)
 
 
-def _run(missing: list[tuple[str, Work[Any]]], jobs: int, where: str) -> Iterator[tuple[str, Any]]:
+def _run(missing: list[tuple[str, Work[Any]]], jobs: int, where: str) -> Generator[tuple[str, Any], None, None]:
     if not missing:
         return
     from joblib import Parallel, delayed
