@@ -27,7 +27,8 @@ Array = NDArray[np.float64]
 
 MM = 1e-3  # [m]
 _COMMON, _SHIFT, _ROTATION, _BIASES = slice(0, 2), slice(2, 4), 4, 5  # of the state; shift and rotation last a board
-_LEAST = 1e-300
+_LEAST = 1e-250
+_NEGLIGIBLE = 3e-4  # weight of a case over that of the likeliest, below which it is left out
 
 
 @dataclass(frozen=True)
@@ -118,7 +119,7 @@ class BoardBelief:
     def offset(self, hole: str) -> Mixture:
         """Where the next part goes in at a hole of the present board."""
         cases = self._cases(self.places.index(hole))
-        keep = cases.weights > 1e-4 * cases.weights.max()
+        keep = cases.weights > _NEGLIGIBLE * cases.weights.max()
         weights = cases.weights[keep]
         means = np.broadcast_to(cases.means[:, None], (*cases.weights.shape, 2))[keep]
         return Mixture(weights / weights.sum(), means * MM, cases.covariances[keep] * MM**2)
@@ -142,28 +143,46 @@ class BoardBelief:
     def learned_by(self, hole: str, points: Array, likelihood: Array) -> BoardBelief:
         """The belief after evidence of which each offset of `points` (m, 2) [m] has the `likelihood` (m,).
 
-        For failures: the points must cover, evenly, wherever the offset may be.
+        The points must cover evenly, and finely enough, wherever the likelihood is not zero.
         """
         number = self.places.index(hole)
         cases = self._cases(number)
-        at = points / MM
-        inverse = _inverse(cases.covariances)
-        log_density = np.full(cases.weights.shape, -math.inf)
-        means = np.broadcast_to(cases.means[:, None], (*cases.weights.shape, 2)).copy()
-        covariances = cases.covariances.copy()
-        for k, j in zip(*np.nonzero(cases.weights > 1e-4 * cases.weights.max()), strict=True):
-            apart = at - cases.means[k]
-            density = likelihood * np.exp(-0.5 * np.einsum("ma,ab,mb->m", apart, inverse[k, j], apart))
-            mass = density.sum()
-            if mass < _LEAST:
-                continue
-            log_density[k, j] = math.log(mass) - 0.5 * math.log(_determinant(cases.covariances[k, j]))
-            share = density / mass
-            means[k, j] = share @ at
-            left = at - means[k, j]
-            covariances[k, j] = np.einsum("m,ma,mb->ab", share, left, left)
-        if not np.isfinite(log_density).any():
+        chosen = np.nonzero(cases.weights > _NEGLIGIBLE * cases.weights.max())
+        centre = points.mean(axis=0) / MM  # near it numbers stay small
+        at = points / MM - centre
+        products = np.stack(
+            [np.ones(len(at)), at[:, 0], at[:, 1], at[:, 0] ** 2, at[:, 0] * at[:, 1], at[:, 1] ** 2], axis=1
+        )
+        mean, inverse = cases.means[chosen[0]] - centre, _inverse(cases.covariances[chosen])
+        slope = np.einsum("nab,nb->na", inverse, mean)
+        exponent = np.stack(
+            [
+                -0.5 * (mean * slope).sum(axis=1),
+                slope[:, 0],
+                slope[:, 1],
+                -0.5 * inverse[:, 0, 0],
+                -inverse[:, 0, 1],
+                -0.5 * inverse[:, 1, 1],
+            ],
+            axis=1,
+        )
+        density = np.exp(exponent @ products.T) * likelihood  # (n, m)
+        moments = density @ products  # (n, 6)
+        mass = moments[:, 0]
+        if not (mass > _LEAST).any():
             return self  # nothing that was thought possible explains it
+        known = mass > _LEAST
+        moments = moments / np.where(known, mass, 1.0)[:, None]
+        found = np.where(known[:, None], moments[:, 1:3], mean)
+        square = moments[:, [3, 4, 4, 5]].reshape(-1, 2, 2) - found[:, :, None] * found[:, None]
+        log_density = np.full(cases.weights.shape, -math.inf)
+        with np.errstate(divide="ignore"):
+            log_density[chosen] = np.log(mass) - 0.5 * np.log(_determinant(cases.covariances[chosen]))
+        log_density[chosen] = np.where(known, log_density[chosen], -math.inf)
+        means = np.broadcast_to(cases.means[:, None], (*cases.weights.shape, 2)).copy()
+        means[chosen] = found + centre
+        covariances = cases.covariances.copy()
+        covariances[chosen] = np.where(known[:, None, None], square, covariances[chosen])
         return self._updated(number, cases, log_density, means, covariances)
 
     def _cases(self, number: int) -> _Cases:

@@ -140,6 +140,7 @@ class Seat:
     y: Metres
     seated_x: Metres  # the TCP once the part was seated, as the robot reads it
     seated_y: Metres
+    slid: Bool = False  # whether the pins dropped in on a slide
 
     __msgtype__: ClassVar[str]
 
@@ -158,7 +159,7 @@ class Waypoint:
 @message
 @dataclass(frozen=True, slots=True)
 class Miss:
-    """One attempt of an earlier search that found nothing: where that hole was not."""
+    """One attempt of an earlier search that was blocked: where that hole was not."""
 
     board: UInt32
     hole: Text
@@ -196,7 +197,7 @@ class SearchGoal:
     seed: UInt64  # for strategies that draw random numbers
     prior: Gaussian  # the posterior store's belief about this hole; a wide one if nothing is known
     seats: list[Seat]  # every earlier insertion into boards of this type, oldest first
-    misses: list[Miss] = field(default_factory=list)  # attempts of the earlier searches that found nothing
+    misses: list[Miss] = field(default_factory=list)  # every attempt of earlier searches that was blocked
     layout: list[Place] = field(default_factory=list)  # every hole of the board, this one included
 
     __msgtype__: ClassVar[str]
@@ -249,7 +250,7 @@ class Attempt:
     wrench: Wrench  # on the part at the TCP at the end of the descent, base_link frame
     depth: Metres  # of the pin tips below the board's nominal top
     peak_force: Newtons
-    duration: Seconds  # from the start of the approach to the end of the retract
+    duration: Seconds  # from above the first place, or from where the attempt before ended, to the end of the retract
     path: list[Waypoint] = field(default_factory=list)  # commanded: first touch and the points slid along; none: a peck
 
     __msgtype__: ClassVar[str]
@@ -300,7 +301,7 @@ class Belief:
     count: UInt32  # insertions the distribution rests on
     distribution: Gaussian
     seats: list[Seat]  # of all holes of the board type, oldest first
-    misses: list[Miss] = field(default_factory=list)  # attempts of searches that found nothing
+    misses: list[Miss] = field(default_factory=list)  # every blocked attempt, oldest first
 
     __msgtype__: ClassVar[str]
 

@@ -66,7 +66,8 @@ class PlainJob:
         decide = redacted_cell(self.cell, "assembly")
         session = SearchSession(self.strategy)
         holes = self.cell.board.holes
-        first = 1 + max((item.board for item in (*self.seats, *self.misses)), default=0)
+        known = [seat.board for seat in self.seats] + [miss.board for miss in self.misses]
+        first = 1 + max(known, default=0)
         for board in range(first, first + self.cell.boards):
             for index, hole in enumerate(holes):
                 number = (board - 1) * len(holes) + index + 1
@@ -105,15 +106,12 @@ class PlainJob:
         return Belief(now, cell.board.type, hole, count, distribution, list(self.seats), list(self.misses))
 
     def _remember(self, goal: SearchGoal, attempts: list[Attempt]) -> None:
-        if attempts and attempts[-1].outcome == Outcome.SEATED:
-            last, nominal = attempts[-1], goal.nominal.position
-            where = last.pose.position
-            self.seats.append(
-                Seat(SESSION, goal.board, goal.hole, last.x, last.y, where.x - nominal.x, where.y - nominal.y)
-            )
-            return
         self.misses += [
             Miss(goal.board, goal.hole, attempt.path or [Waypoint(attempt.x, attempt.y)])
             for attempt in attempts
             if attempt.outcome == Outcome.BLOCKED
         ]
+        if attempts and attempts[-1].outcome == Outcome.SEATED:
+            last, nominal = attempts[-1], goal.nominal.position
+            x, y = last.pose.position.x - nominal.x, last.pose.position.y - nominal.y
+            self.seats.append(Seat(SESSION, goal.board, goal.hole, last.x, last.y, x, y, bool(last.path)))

@@ -139,13 +139,14 @@ class PosteriorStore(Closing):
     def seats(self, board_type: str, component: str, *, scope: str) -> list[Seat]:
         """Every insertion of this component into boards of this type, oldest first."""
         rows = self._read(
-            "SELECT session, board, hole, x, y, seated_x, seated_y FROM search"
+            "SELECT session, board, hole, x, y, seated_x, seated_y, EXISTS (SELECT 1 FROM attempt"
+            " WHERE search_id = id AND attempt.outcome = ? AND path IS NOT NULL) FROM search"
             " WHERE scope = ? AND board_type = ? AND component = ? AND ending = ? ORDER BY id",
-            (scope, board_type, component, int(Ending.INSERTED)),
+            (int(Outcome.SEATED), scope, board_type, component, int(Ending.INSERTED)),
         )
         return [
-            Seat(session, board, hole, _number(x), _number(y), _number(seated_x), _number(seated_y))
-            for session, board, hole, x, y, seated_x, seated_y in rows
+            Seat(session, board, hole, _number(x), _number(y), _number(seated_x), _number(seated_y), bool(slid))
+            for session, board, hole, x, y, seated_x, seated_y, slid in rows
         ]
 
     def attempts(self, board_type: str, component: str, *, scope: str) -> list[Tried]:
@@ -162,11 +163,11 @@ class PosteriorStore(Closing):
         ]
 
     def misses(self, board_type: str, component: str, *, scope: str) -> list[Miss]:
-        """Every attempt that was blocked in a search that found nothing, oldest first."""
+        """Every attempt that was blocked, oldest first."""
         rows = self._read(
             "SELECT board, hole, attempt.x, attempt.y, path FROM search JOIN attempt ON search_id = id"
-            " WHERE scope = ? AND board_type = ? AND component = ? AND ending != ? AND outcome = ? ORDER BY id, number",
-            (scope, board_type, component, int(Ending.INSERTED), int(Outcome.BLOCKED)),
+            " WHERE scope = ? AND board_type = ? AND component = ? AND outcome = ? ORDER BY id, number",
+            (scope, board_type, component, int(Outcome.BLOCKED)),
         )
         return [
             Miss(board, hole, [Waypoint(*point) for point in _path(path) or ((_number(x), _number(y)),)])

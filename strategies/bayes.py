@@ -27,13 +27,13 @@ class Bayes:
 
     patience: Annotated[int, Field(ge=1, le=10_000)] = 60  # attempts
     size_spread: Annotated[float, Field(ge=0.02, le=0.5)] = 0.15  # of the feasible area's half axes, from part to part
-    seat_noise: Annotated[Length, Positive] = 0.06e-3  # [m] per axis, of a seated part's position as a hole's centre
-    peck_time: Annotated[Duration, Positive] = 0.45  # [s] that a failure takes
+    slide_noise: Annotated[Length, Positive] = 0.09e-3  # [m] per axis, of a slid part's position as a hole's centre
+    peck_time: Annotated[Duration, Positive] = 0.37  # [s] that a failure takes
     travel_speed: Annotated[Speed, Positive] = 0.05  # [m/s] between positions
 
     def search(self, goal: SearchGoal) -> Search:
         """Propose positions until the search radius is swept."""
-        pursuit = Pursuit(goal, self.seat_noise, self.size_spread)
+        pursuit = Pursuit(goal, self.slide_noise, self.size_spread)
         number = 0
         while True:
             number += 1
@@ -44,4 +44,4 @@ class Bayes:
             else:
                 point = pursuit.worthiest(self.peck_time, self.travel_speed)
             yield pursuit.peck(point)
-            pursuit.missed(point)
+            pursuit.failed([point])

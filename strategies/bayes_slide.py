@@ -37,20 +37,20 @@ class BayesSlide:
 
     patience: Annotated[int, Field(ge=1, le=10_000)] = 12  # attempts
     size_spread: Annotated[float, Field(ge=0.02, le=0.5)] = 0.15  # of the feasible area's half axes, from part to part
-    seat_noise: Annotated[Length, Positive] = 0.06e-3  # [m] per axis, of a seated part's position as a hole's centre
-    peck_time: Annotated[Duration, Positive] = 0.45  # [s] that a blocked peck takes
+    slide_noise: Annotated[Length, Positive] = 0.09e-3  # [m] per axis, of a slid part's position as a hole's centre
+    peck_time: Annotated[Duration, Positive] = 0.37  # [s] that a blocked peck takes
     travel_speed: Annotated[Speed, Positive] = 0.05  # [m/s] between positions
-    slide_time: Annotated[Duration, Positive] = 0.55  # [s] that a blocked slide takes beside its way
+    slide_time: Annotated[Duration, Positive] = 0.40  # [s] that a blocked slide takes beside its way
     push_time: Annotated[Duration, Positive] = 0.1  # [s] that pushing a part home after a slide takes more than a peck
-    slide_speed: Annotated[Speed, Positive] = 5e-3  # [m/s]
-    longest: Annotated[Length, Positive] = 15e-3  # [m] way of one slide
+    slide_speed: Annotated[Speed, Positive] = 10e-3  # [m/s]
+    longest: Annotated[Length, Positive] = 20e-3  # [m] way of one slide
     swath: Annotated[float, Field(gt=0.2, le=1.0)] = SWATH  # of the feasible area
     catch: Annotated[float, Field(gt=0.0, le=1.0)] = CATCH
     spacing: Annotated[float, Field(ge=0.5, le=2.0)] = 1.5  # [half axes of the area] of the lattice
 
     def search(self, goal: SearchGoal) -> Search:
         """Propose slides and pecks until the search radius is swept."""
-        pursuit = Pursuit(goal, self.seat_noise, self.size_spread)
+        pursuit = Pursuit(goal, self.slide_noise, self.size_spread)
         number = 0
         while True:
             number += 1
@@ -62,10 +62,7 @@ class BayesSlide:
             else:
                 path = self._path(pursuit)
             yield pursuit.slide(path)
-            if len(path) == 1:
-                pursuit.missed(path[0])
-            else:
-                pursuit.passed(path, self.swath, self.catch)
+            pursuit.failed(path, self.swath, self.catch)
 
     def _path(self, pursuit: Pursuit) -> list[Array]:
         """Where to touch first, and then the way on; no way if pecks are expected to be done sooner."""

@@ -21,7 +21,7 @@ Array = NDArray[np.float64]
 Field = NDArray[np.float32]
 
 _NODES = (-1.55, 0.0, 1.55)  # standard deviations of the area's size at which it is considered, and their weights:
-_NODE_WEIGHTS = (0.2, 0.6, 0.2)  # a normal's first moments up to the fourth, nearly
+NODE_WEIGHTS = np.array([0.2, 0.6, 0.2])  # a normal's first moments up to the fourth, nearly
 _BETWEEN = 0.55  # of that standard deviation: what lies between the nodes
 _REACH = 3.3  # standard deviations that the grid extends to
 _CELLS = (24, 220)  # of a side, least and most
@@ -114,6 +114,12 @@ class OffsetGrid:
         """Centres (side, side, 2) of the cells."""
         return np.asarray(self._points)
 
+    def failed(self, path: Array, share: float, catch: float) -> None:
+        """An attempt along points (n, 2) was blocked: a peck at the only one, or a slide, which first touched there."""
+        self.miss(path[0])
+        if len(path) > 1:
+            self.passed(path, share, catch)
+
     def miss(self, point: Array) -> None:
         """A part did not go in at a point (2,)."""
         self._learn(_Peck(point))
@@ -150,7 +156,7 @@ class OffsetGrid:
             scale = weight * self.cell**2 * float(np.sqrt(np.linalg.det(precision))) / (2 * np.pi)
             density += (scale * np.exp(-0.5 * exponent)).astype(np.float32)
         self._prior = density
-        self._mass: Field = np.array(_NODE_WEIGHTS, dtype=np.float32)[:, None, None] * density
+        self._mass: Field = NODE_WEIGHTS.astype(np.float32)[:, None, None] * density
         for failure in self._failures:
             self._cut(failure)
 

@@ -20,21 +20,21 @@ from strategies.start import check, reach_of
 Array = NDArray[np.float64]
 
 _SPARSE = 1.25  # width of the belief in own units above which a lattice beats greed
-_SPACING = 1.7  # of that lattice, in own units
+_SPACING = 1.6  # of that lattice, in own units
 _WORTH = 0.62  # share of the best mass that a lattice point must have
 
 
 class Pursuit:
     """A search under way."""
 
-    def __init__(self, goal: SearchGoal, seat_noise: float, size_spread: float) -> None:
-        """`seat_noise` [m] of a seated part's place, `size_spread` of the feasible area, relative.
+    def __init__(self, goal: SearchGoal, slide_noise: float, size_spread: float) -> None:
+        """`slide_noise` [m] of a slid part's place, `size_spread` of the feasible area, relative.
 
         Raises InputError unless the goal's radii are positive lengths.
         """
         check(goal)
         self.area = area_of(goal)
-        belief = belief_at(goal, self.area, seat_noise, size_spread)
+        belief = belief_at(goal, self.area, slide_noise, size_spread)
         self.grid = OffsetGrid(self.area, belief, size_spread)
         self.reach = reach_of(goal, (float(belief.mean[0]), float(belief.mean[1])))  # [m] from nominal
         self._told = gaussian(belief.mean, belief.covariance)
@@ -81,15 +81,10 @@ class Pursuit:
         places = self.area.to_metres(self.grid.points())
         return np.where(np.hypot(places[..., 0], places[..., 1]) <= self.reach, self.grid.masses(), 0.0)
 
-    def missed(self, point: Array) -> None:
-        """A peck at a point (2,) [m] was blocked."""
-        self._tried = np.concatenate([self._tried, point[None]])
-        self.grid.miss(self.area.to_own(point))
-
-    def passed(self, path: Sequence[Array], share: float, catch: float) -> None:
-        """A slide along points (2,) [m] was blocked; see `OffsetGrid.passed`."""
-        self.missed(path[0])
-        self.grid.passed(self.area.to_own(np.array(path)), share, catch)
+    def failed(self, path: Sequence[Array], share: float = 1.0, catch: float = 1.0) -> None:
+        """An attempt along points (2,) [m] was blocked; `share` and `catch` are those of `OffsetGrid.failed`."""
+        self._tried = np.concatenate([self._tried, path[0][None]])
+        self.grid.failed(self.area.to_own(np.array(path)), share, catch)
 
     def _probability(self, point: Array) -> float:
         row, column = self.grid.cell_of(self.area.to_own(point))

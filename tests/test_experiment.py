@@ -369,7 +369,7 @@ def test_robustness_tells_who_fails_where_nobody_can_insert(palpate: Palpate) ->
     lost = [row for row in rows if row["world"] == "off-board"]
     assert all((row["failed"], row["within R"], row["unsolved within R"]) == ("36", "0", "0") for row in lost)
     assert all(row["x spiral"] == "1.0" and row["x spiral_se"] == "0.0" for row in rows if row["strategy"] == "spiral")
-    assert "off-board, igbt: no hole is within R, nobody can insert" in done.stdout
+    assert "off-board, igbt: no hole is within R, and nobody inserts a part" in done.stdout
     check_files(palpate.folder / "out", "robustness", {"spiral"})
 
 

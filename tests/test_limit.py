@@ -56,7 +56,7 @@ def test_no_cover_of_one_hole_is_worse_than_the_best_ones_found_by_random_search
     assert 0.95 * known < found < 1.01 * known
 
 
-@pytest.mark.parametrize(("wide", "narrow"), [(0.6, 0.6), (1.5, 0.8)])
+@pytest.mark.parametrize(("wide", "narrow"), [(0.6, 0.6), (1.3, 0.8)])
 def test_a_cover_played_against_draws_takes_as_many_attempts_as_it_says(wide: float, narrow: float) -> None:
     squashed = Shape(1.0 + 0.1 * np.cos(4 * np.linspace(0.0, 2 * math.pi, 360, endpoint=False)))
     for shape in (DISC, squashed):
@@ -180,7 +180,7 @@ def test_a_strategy_that_knows_the_model_and_all_seats_does_not_beat_the_bound()
     assert abs(mean / limits.estimate - 1.05) < 0.05 + 3 * error / limits.estimate
 
 
-@pytest.mark.parametrize("name", [name for name in WORLDS if name not in ("off-heavy-tails", "off-board")])
+@pytest.mark.parametrize("name", ["realistic", "paper-capacitor", "off-tight", "off-wide"])
 def test_in_every_world_the_bound_lies_between_the_oracle_and_the_estimate(name: str) -> None:
     limits = limits_of(WORLDS[name], "capacitor", 1)
     assert limits.oracle == 1.0
@@ -204,5 +204,6 @@ def test_looser_worlds_have_higher_limits() -> None:
 
 def test_holes_too_tight_for_any_part_take_for_ever() -> None:
     blocked = NamedWorld("blocked", "", Tolerances(part_rotation=0.2))
-    assert limits_of(blocked, "igbt", 1).bound < 2
-    assert limits_of(blocked, "igbt", 1).estimate == math.inf
+    limits = limits_of(blocked, "capacitor", 1)
+    assert math.isfinite(limits.bound)
+    assert limits.estimate == math.inf

@@ -81,7 +81,8 @@ class InsertionSkill:
         x, y = path.points[0]
         touch = Touch(self._arm, self._settings, x, y, self._board.z, self._component.depth)
         try:
-            self._above(nominal[0] + x, nominal[1] + y, yaw)
+            if self._above(nominal[0] + x, nominal[1] + y, yaw):
+                touch.begin()
             self._dwell(self._settings.settle)
             self._arm.zeroFtSensor()
             self._descend(touch)
@@ -121,15 +122,16 @@ class InsertionSkill:
         else:
             touch.outcome, touch.reason = Outcome.ABORTED, "the descent met neither contact nor depth in its time"
 
-    def _above(self, x: float, y: float, yaw: float) -> None:
-        """To the approach height: straight across if the part is there already, else over the top."""
+    def _above(self, x: float, y: float, yaw: float) -> bool:
+        """To the approach height: straight across if the part is there already, else over the top. Whether over it."""
         height = self._board.z + self._cell.approach_height
         here, _ = frames.ros_pose(self._arm.getActualTCPPose())
         if math.hypot(here[0] - x, here[1] - y) > _NEAR or here[2] < self._board.z:
             self._travel_to(x, y, yaw)
             self._lower_to(x, y, height, yaw)
-        else:
-            self._go(x, y, height, yaw, self._cell.approach_speed)
+            return True
+        self._go(x, y, height, yaw, self._cell.approach_speed)
+        return False
 
     def _retract(self, x: float, y: float, yaw: float) -> None:
         self._go(x, y, self._board.z + self._cell.approach_height, yaw, self._settings.retract_speed)

@@ -22,17 +22,12 @@ from itertools import pairwise
 
 from drivers.ur3e import frames
 from drivers.ur3e.arm import Arm
-from drivers.ur3e.parameters import CYCLE
 from drivers.ur3e.touch import SkillSettings, Touch
 from runtime.errors import InputError
 from runtime.messages import Outcome
 
 _ACCELERATION = 2.0  # [m/s2] across
 _RETURN = 0.02  # [s] in which a deviation from the path is taken back
-_YIELD = 0.02  # [m/s] at most along compliant axes
-_DEVIATION = (5e-3, 0.1)  # [m], [rad] along the others: the lateral force ends the slide long before
-_RELAX = (0.1, 0.3)  # [s] at least and at most, for chamfers to pull, and pins to come free of the wall they met
-_FREE = 1.0  # [N] across, at which they are: three times the sensor's noise
 _AGAIN = 0.1e-3  # [m] pins caught twice within it are stuck
 _GRACE = 1.0  # [s] a motion may take longer than its distance and speed say
 
@@ -124,7 +119,7 @@ class Slide:
     def _follow(self) -> bool:
         """Go on along the path until the pins drop in, are caught, or arrive, and stop. Whether they may be in."""
         arm, settings, touch, path = self._arm, self._settings, self._touch, self._path
-        self._comply([0, 0, 1, 0, 0, 0])
+        touch.comply([0, 0, 1, 0, 0, 0], settings.slide_force)
         touch.allow((path.length - touch.travelled) / settings.slide_speed + _GRACE)
         resisted = 0
         try:
@@ -133,7 +128,7 @@ class Slide:
                 touch.cycle()
                 touch.travelled = path.progress(*self._offset(), touch.travelled)
                 touch.x, touch.y = path.at(touch.travelled)
-                resisted = resisted + 1 if self._resistance() > settings.lateral_force else 0
+                resisted = resisted + 1 if touch.resistance > settings.lateral_force else 0
                 if resisted >= settings.contact_cycles or self._dropped():
                     return True
                 self._level = max(self._level, self._height())
@@ -152,14 +147,8 @@ class Slide:
         along a slide in x then strays by 50 to 99 um (sd), against 28 to 38 um.
         """
         touch, settings = self._touch, self._settings
-        shortest, longest = _RELAX
-        touch.allow(longest + touch.full / settings.home_speed + _GRACE)
-        self._comply([1, 1, 1, 0, 0, 0])
-        cycles = 0
-        while cycles * CYCLE < shortest or (cycles * CYCLE < longest and self._resistance() > _FREE):
-            touch.cycle()
-            cycles += 1
-        self._arm.forceModeStop()
+        touch.ease(settings.slide_force)
+        touch.allow(touch.full / settings.home_speed + _GRACE)
         touch.descend(settings.home_speed, settings.home_force)
         touch.measure()
         return touch.seated
@@ -167,11 +156,6 @@ class Slide:
     def _height(self) -> float:
         """Of the pin tips [m]."""
         return self._arm.getActualTCPPose()[2]
-
-    def _resistance(self) -> float:
-        """Force across [N]."""
-        x, y = self._arm.getActualTCPForce()[:2]
-        return math.hypot(x, y)
 
     def _offset(self) -> tuple[float, float]:
         """Where the TCP is, from nominal [m]. The commanded one will not do: pressing moves it by 50 um across."""
@@ -186,10 +170,3 @@ class Slide:
         aside = (dx * (py - y) - dy * (px - x)) / _RETURN
         aside = min(max(aside, -speed), speed)
         return frames.turn_base_wrench([dx * speed - dy * aside, dy * speed + dx * aside, 0.0, 0.0, 0.0, 0.0])
-
-    def _comply(self, selection: list[int]) -> None:
-        """Force mode along the selected axes (6,): the light force down, none across."""
-        deviation, turn = _DEVIATION
-        wrench = [0.0, 0.0, -self._settings.slide_force, 0.0, 0.0, 0.0]
-        limits = [_YIELD if selected else deviation for selected in selection[:3]]
-        self._arm.forceMode([0.0] * 6, selection, wrench, 2, [*limits, turn, turn, turn])

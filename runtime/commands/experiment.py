@@ -55,7 +55,8 @@ def experiment_command(arguments: argparse.Namespace) -> int:
 def choices(chosen_study: Study, arguments: argparse.Namespace) -> Choices:
     """The study's defaults with what the command line says instead. Raises InputError for what it cannot honour."""
     defaults = chosen_study.defaults
-    said = {option: value for option in vars(defaults) if (value := getattr(arguments, option)) not in (None, False)}
+    given: dict[str, Any] = {option: getattr(arguments, option) for option in vars(defaults)}
+    said = {option: value for option, value in given.items() if value is not None and value is not False}
     for option in said:
         if option not in defaults.offered:
             offered = ", ".join(f"--{name}" for name in defaults.offered)
@@ -69,10 +70,9 @@ def choices(chosen_study: Study, arguments: argparse.Namespace) -> Choices:
     for option in ("seeds", "boards"):
         if option in said and said[option] < 1:
             raise InputError(f"--{option}: {said[option]} is too few; write 1 or more")
-    changed: dict[str, Any] = said
-    if "physics" in said and "seeds" not in said:
-        changed = {**said, "seeds": max(1, defaults.seeds // PHYSICS_SHARE)}
-    return replace(defaults, **changed)
+    if "physics" in said and "seeds" in defaults.offered:
+        said.setdefault("seeds", max(1, defaults.seeds // PHYSICS_SHARE))
+    return replace(defaults, **said)
 
 
 def _names(option: str, text: str) -> tuple[str, ...]:

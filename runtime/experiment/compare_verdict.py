@@ -21,8 +21,8 @@ SEARCHES = 10_000  # none of them unsolved within the search radius
 
 
 def verdict(rows: Sequence[Row], chosen: Choices) -> tuple[str, ...]:
-    """One sentence for each aim that these rows can tell about, the order of the strategies, and who gives up."""
-    return (*_aims(rows, chosen), *_orders(rows), *_quitters(rows))
+    """One sentence for each aim that these rows can tell about, the order of the strategies, and what to beware of."""
+    return (*_aims(rows, chosen), *_orders(rows), *_sliders(rows), *_quitters(rows))
 
 
 def _aims(rows: Sequence[Row], chosen: Choices) -> Iterator[str]:
@@ -82,6 +82,15 @@ def _orders(rows: Sequence[Row]) -> Iterator[str]:
                 f"{row.strategy} {row.score.attempts_per_part.value:.3g}" for row in there if row.score.success_rate
             )
             yield f"{', '.join(place)}: attempts for each part that was inserted: {told}."
+
+
+def _sliders(rows: Sequence[Row]) -> Iterator[str]:
+    below = [row for row in rows if row.score.attempts.value < row.limits.bound and row.score.success_rate >= GIVES_UP]
+    for strategy in dict.fromkeys(row.strategy for row in below):
+        yield (
+            f"{strategy} does with less than the limit because that is about pecks, and one slide tries many places "
+            "at once: its seconds compare with the others', its attempts do not."
+        )
 
 
 def _quitters(rows: Sequence[Row]) -> Iterator[str]:

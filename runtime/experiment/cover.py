@@ -131,7 +131,7 @@ def bound_of(density: Density, area: float) -> float:
 
 def _axis(half: float, spacing: float) -> Array:
     count = math.ceil(half / spacing)
-    return spacing * np.arange(-count, count + 1)
+    return np.asarray(spacing * np.arange(-count, count + 1))
 
 
 @dataclass
@@ -165,11 +165,11 @@ class Cover:
         """Lay where the most mass is left, over and over, until next to nothing is."""
         d, h = self.density, self.density.spacing
         reach = math.ceil(self.shape.reach / h) + 1
-        axis = h * np.arange(-reach, reach + 1)
+        axis = np.asarray(h * np.arange(-reach, reach + 1))
         kernel = self._inside(axis[:, None], axis[None, :])
         flipped = kernel[::-1, ::-1]
         size = 2 * reach + 1
-        gain = fftconvolve(np.pad(self._left, reach), flipped, mode="valid")
+        gain: Array = np.asarray(fftconvolve(np.pad(self._left, reach), flipped, mode="valid"))
         while self.left > _LEFT:
             i, j = divmod(int(gain.argmax()), gain.shape[1])
             before = self._window(i, j, reach)
@@ -227,7 +227,7 @@ def _laid(shape: Shape, density: Density, places: Iterable[tuple[float, float]])
 
 
 def _lattice(shape: Shape, density: Density, spacing: float, squeezed: float, origin: int) -> Cover:
-    """Places of a lattice in order of their mass, then what it left out. `origin`: at a place, between two, or three."""
+    """Places of a lattice in order of their mass, then what it left out. `origin`: at a place, between two or three."""
     along, rows = spacing / math.sqrt(squeezed), spacing * math.sqrt(0.75 * squeezed)
     start_x, start_y = ((0.0, 0.0), (along / 2, 0.0), (along / 2, rows / 3))[origin]
     cover = Cover(shape, density)
@@ -274,15 +274,20 @@ def _attempts_and_slope(
     """E[N] of places (n, 2) over masses at points, and its derivative (2 n,)."""
     n = len(places)
     dx, dy = x - places[:, :1], y - places[:, 1:]  # (n, points)
+    reach = shape.reach + spacing
+    place, point = np.nonzero((np.abs(dx) < reach) & (np.abs(dy) < reach))
+    dx, dy = dx[place, point], dy[place, point]
     depth = shape.depth(dx, dy) / spacing + 0.5
-    outside = 1.0 - np.clip(depth, 0.0, 1.0)
+    outside = np.ones((n, len(mass)))
+    outside[place, point] -= np.clip(depth, 0.0, 1.0)
     missed = np.cumprod(np.vstack([np.ones_like(mass), outside]), axis=0)  # by the first 0 ... n places
     later = np.empty_like(outside)  # attempts after this one, per unit of mass that it misses
     later[-1] = float(n)
     for k in range(n - 2, -1, -1):
         later[k] = 1.0 + outside[k + 1] * later[k + 1]
-    place, point = np.nonzero((depth > 0) & (depth < 1))  # of the rims: nothing else depends on the places
+    rims = (depth > 0) & (depth < 1)  # nothing else depends on the places
+    place, point = place[rims], point[rims]
     worth = mass[point] * (missed[:-1] * later)[place, point] / spacing
-    slopes = shape.slope(dx[place, point], dy[place, point])
+    slopes = shape.slope(dx[rims], dy[rims])
     slope = np.stack([np.bincount(place, weights=worth * along, minlength=n) for along in slopes], axis=1)
-    return float((missed[:-1] @ mass).sum() + n * missed[-1] @ mass), slope.ravel()
+    return float((missed[:-1] @ mass).sum() + n * missed[-1] @ mass), np.asarray(slope.ravel(), dtype=float)

@@ -159,7 +159,7 @@ class _Searches:
     def _of_ring(self, b: int, h: int, length: float) -> tuple[float, float]:
         """The same where an error of fixed length is met for the first time."""
         area, one = self._areas[h], np.eye(2)
-        circle = length * np.linalg.inv(area.half_axes)
+        circle = np.asarray(length * np.linalg.inv(area.half_axes))
         known = self._known.place[b, h] + self._tails().min() * self._known.scatter[h] * one
         density = ring_density(circle, _own(area, known))
         least = _mean(self._whole, lambda size: bound_of(density, math.pi * size**2))

@@ -31,9 +31,9 @@ from runtime.world import Gap, World
 
 @dataclass(frozen=True)
 class Timing:
-    """How long things take [s], as measured in the full physics."""
+    """How long things take [s]: what `palpate experiment calibrate` finds to fit the full physics best."""
 
-    part: float = 8.6  # to fetch a part, bring it to the hole, let go and rise
+    part: float = 8.6  # to fetch a part, bring it over the first place to try, let go and rise
     blocked: float = 0.45  # a peck that meets the board, with the way up
     seated: float = 0.89  # a peck that goes in
     travel_speed: float = 0.05  # [m/s] between the positions of successive attempts
@@ -41,13 +41,26 @@ class Timing:
     slide_seated: float = 1.0  # a slide that does, beside the way slid
     slide_speed: float = 5e-3  # [m/s]
 
+    def attempt(self, *, moved: float, seated: bool, slid: float | None = None) -> float:
+        """Duration [s] of an attempt that begins `moved` [m] from the last, and slides so far [m]; None: a peck."""
+        travel = moved / self.travel_speed
+        if slid is None:
+            return travel + (self.seated if seated else self.blocked)
+        return travel + slid / self.slide_speed + (self.slide_seated if seated else self.slide_blocked)
+
 
 @dataclass(frozen=True)
 class Capture:
-    """What a slide catches, and what a seated part tells."""
+    """What a slide catches, and where a part sits in its hole: as `palpate experiment calibrate` finds.
+
+    A part sits where it was tried, not in the middle: its pins have play, and a peck does not give way across.
+    """
 
     swath: float = 0.85  # of the feasible area, about its centre: passed over by a slide, the pins drop in
-    seat_noise: float = 0.04e-3  # [m] per axis, of the seated position against the hole's centre
+    peck_kept: float = 0.93  # of the distance of a peck from the hole's centre that the seated part keeps
+    peck_noise: float = 0.01e-3  # [m] per axis about that
+    slide_kept: float = 0.63  # the same, of where a slide caught the hole
+    slide_noise: float = 0.04e-3  # [m]
     step: float = 0.02e-3  # [m] along a path between the points that are looked at
 
 
@@ -60,7 +73,7 @@ class StatisticalBench:
         self._noise = np.random.default_rng([cell.seed, 1])
         self._seconds = 0.0
         self._gap: Gap | None = None
-        self._last = (0.0, 0.0)
+        self._last: tuple[float, float] | None = None  # where the attempt before ended, in this search
 
     @property
     def time(self) -> int:
@@ -76,27 +89,23 @@ class StatisticalBench:
     def begin(self, search: int, board: int, hole: str) -> None:
         """Put board and hole in place and a part into the gripper."""
         self._gap = self._world.gap(search, board, hole)
-        self._last = (0.0, 0.0)
+        self._last = None
 
     def attempt(self, goal: SearchGoal, candidate: Candidate) -> Attempt:
         """Try a candidate."""
         assert self._gap is not None
         proposal, timing = candidate.proposal, self._timing
         path = [(proposal.x, proposal.y), *((point.x, point.y) for point in proposal.path)]
-        duration = math.dist(path[0], self._last) / timing.travel_speed
-        seated, travelled = self._gap.feasible(*path[0]), 0.0
+        moved = math.dist(path[0], self._last) if self._last else 0.0
+        seated, slid = self._gap.feasible(*path[0]), None
         x, y = path[0]
         if not seated and proposal.path:
-            seated, travelled, (x, y) = self._slide(path)
-            duration += timing.slide_seated if seated else timing.slide_blocked
-            duration += travelled / timing.slide_speed
-        else:
-            duration += timing.seated if seated else timing.blocked
+            seated, slid, (x, y) = self._slide(path)
+        duration = timing.attempt(moved=moved, seated=seated, slid=slid)
         self._seconds += duration
         self._last = (x, y)
         nominal = goal.nominal.position
-        noise = self._capture.seat_noise * self._noise.standard_normal(2) if seated else np.zeros(2)
-        at = (self._gap.x + noise[0], self._gap.y + noise[1]) if seated else (x, y)
+        at = self._seat(x, y, slid is not None) if seated else (x, y)
         zero = Vector3(x=0.0, y=0.0, z=0.0)
         position = type(nominal)(x=nominal.x + at[0], y=nominal.y + at[1], z=nominal.z)
         return Attempt(
@@ -116,6 +125,14 @@ class StatisticalBench:
             duration=duration,
             path=[Waypoint(*point) for point in path] if proposal.path else [],
         )
+
+    def _seat(self, x: float, y: float, slide: bool) -> tuple[float, float]:
+        """Where [m] a part sits that went in at (x, y)."""
+        assert self._gap is not None
+        gap, capture = self._gap, self._capture
+        kept, sd = (capture.slide_kept, capture.slide_noise) if slide else (capture.peck_kept, capture.peck_noise)
+        noise = sd * self._noise.standard_normal(2)
+        return float(gap.x + kept * (x - gap.x) + noise[0]), float(gap.y + kept * (y - gap.y) + noise[1])
 
     def _slide(self, path: list[tuple[float, float]]) -> tuple[bool, float, tuple[float, float]]:
         """Whether the pins drop in along a path, after how much of it [m], and where [m]."""

@@ -29,17 +29,18 @@ class Twin:
 
     search: int  # from 1
     number: int  # within its search, from 1
-    slide: bool
+    slide: bool  # a proposal with a path whose first point already went in was but a peck
     seated: bool
     model_seated: bool
     aborted: bool  # neither seated nor blocked in the physics
     margin: float  # [m] from where the pins first touch to the feasible area's rim, along the ray from its centre
     nearest: float  # a slide: how much the area must grow about its centre to reach the path; 0 for a peck
-    moved: float  # [m] from where the attempt before ended; nan for the first of a search
+    moved: float  # [m] from where the attempt before ended; the first of a search begins where it is
     slid: float  # [m] along the path
     duration: float  # [s]
     model_duration: float  # [s]
-    seat_error: tuple[float, float]  # [m] of the seated TCP against the place where the pins are centred; nan if blocked
+    off: tuple[float, float]  # [m] of where the attempt ended against the place where the pins are centred
+    seat_off: tuple[float, float]  # [m] of the seated TCP against it; nan if blocked
 
 
 @dataclass(frozen=True)
@@ -101,21 +102,24 @@ def _twin(attempt: Attempt, last: Attempt | None, goal: SearchGoal, bench: Stati
     proposal = Proposal(*path[0], path=attempt.path[1:])
     model = bench.attempt(goal, Candidate(header(0), goal.search, attempt.number, False, "", proposal))
     seated, nominal, where = attempt.outcome == Outcome.SEATED, goal.nominal.position, attempt.pose.position
-    error = (where.x - nominal.x - gap.x, where.y - nominal.y - gap.y) if seated else (math.nan, math.nan)
+    seat = (float(where.x - nominal.x - gap.x), float(where.y - nominal.y - gap.y))
+    slid = _slid(path, attempt.x, attempt.y)
+    slide = bool(attempt.path) and not (seated and slid == 0.0)
     return Twin(
         search=attempt.search,
         number=attempt.number,
-        slide=bool(attempt.path),
+        slide=slide,
         seated=seated,
         model_seated=model.outcome == Outcome.SEATED,
         aborted=attempt.outcome == Outcome.ABORTED,
         margin=_margin(gap, *path[0]),
-        nearest=_nearest(gap, path) if attempt.path else 0.0,
-        moved=math.dist((last.x, last.y), path[0]) if last else math.nan,
-        slid=_slid(path, attempt.x, attempt.y) if attempt.path else 0.0,
+        nearest=_nearest(gap, path) if slide else 0.0,
+        moved=math.dist((last.x, last.y), path[0]) if last else 0.0,
+        slid=slid,
         duration=attempt.duration,
         model_duration=model.duration,
-        seat_error=error,
+        off=(float(attempt.x - gap.x), float(attempt.y - gap.y)),
+        seat_off=seat if seated else (math.nan, math.nan),
     )
 
 

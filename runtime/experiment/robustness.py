@@ -75,7 +75,7 @@ class Robustness:
         yardsticks = {(row.world, row.component): row for row in rows if row.strategy == YARDSTICK}
         picture = Picture(
             "spiral",
-            f"Attempts in multiples of the tuned spiral's, ± standard error; shaded: more than {AT_MOST:g}",
+            f"Seconds at the hole in multiples of the tuned spiral's, ± standard error; shaded: more than {AT_MOST:g}",
             lambda figure: _draw(figure, rows, yardsticks, chosen),
             (4.0 + 4.0 * len(chosen.components), 1.8 + 0.42 * len(chosen.worlds)),
         )
@@ -92,8 +92,12 @@ class Robustness:
 Yardsticks = dict[tuple[str, str], Row]
 
 
-def _ratio(row: Row, yardsticks: Yardsticks) -> Estimate:
+def _attempts_ratio(row: Row, yardsticks: Yardsticks) -> Estimate:
     return ratio_over_seeds(attempts(row.records), attempts(yardsticks[row.world, row.component].records))
+
+
+def _seconds_ratio(row: Row, yardsticks: Yardsticks) -> Estimate:
+    return ratio_over_seeds(search_times(row.records), search_times(yardsticks[row.world, row.component].records))
 
 
 def _table(rows: Sequence[Row], yardsticks: Yardsticks) -> Table:
@@ -109,6 +113,7 @@ def _table(rows: Sequence[Row], yardsticks: Yardsticks) -> Table:
             "x spiral",
             "attempts per part inserted",
             "s at the hole",
+            "x spiral's s",
             "searches",
             "failed",
             "within R",
@@ -121,9 +126,10 @@ def _table(rows: Sequence[Row], yardsticks: Yardsticks) -> Table:
                 row.strategy,
                 row.score.attempts,
                 row.score.attempts_p95,
-                _ratio(row, yardsticks),
+                _attempts_ratio(row, yardsticks),
                 row.score.attempts_per_part,
                 row.score.search_time,
+                _seconds_ratio(row, yardsticks),
                 row.score.searches,
                 row.score.failed,
                 row.score.within,
@@ -140,13 +146,13 @@ def _verdict(rows: Sequence[Row], yardsticks: Yardsticks) -> Iterator[str]:
             continue
         spiral = yardsticks[row.world, row.component]
         if row.strategy == AIMED_AT:
-            ratio, what = _ratio(row, yardsticks), "attempts"
+            ratio, what = _attempts_ratio(row, yardsticks), "attempts"
         else:  # a slide tries many places at once; its seconds compare, its attempts do not
             ratio, what = (
                 ratio_over_seeds(search_times(row.records), search_times(spiral.records)),
                 "seconds at the hole",
             )
-        told = f"{row.world}, {row.component}: {row.strategy}'s {what} in multiples of the spiral's"
+        told = f"{row.world}, {row.component}: {what} of {row.strategy} in multiples of the spiral's"
         yield (
             f"{aim(told, ratio, AT_MOST)} Left unsolved within R: {row.score.unsolved} of {row.score.within}, "
             f"by the spiral {spiral.score.unsolved}."
@@ -157,7 +163,11 @@ def _verdict(rows: Sequence[Row], yardsticks: Yardsticks) -> Iterator[str]:
             told = listed(
                 f"{row.strategy} {row.score.attempts} attempts and {row.score.search_time} s" for row in there
             )
-            yield f"{', '.join(place)}: no hole is within R, nobody can insert. Before it gives up, each spends {told}."
+            lucky = listed(
+                f"{row.strategy} {row.score.searches - row.score.failed}" for row in there if row.score.success_rate
+            )
+            found = f"of {yardstick.score.searches} parts were inserted: {lucky}" if lucky else "nobody inserts a part"
+            yield f"{', '.join(place)}: no hole is within R, and {found}. Before a search ends, each spends {told}."
 
 
 def _draw(figure: Canvas, rows: Sequence[Row], yardsticks: Yardsticks, chosen: Choices) -> None:
@@ -167,7 +177,7 @@ def _draw(figure: Canvas, rows: Sequence[Row], yardsticks: Yardsticks, chosen: C
     for axes, component in zip(grid, chosen.components, strict=True):
         for index, strategy in enumerate(shown):
             there = [row for row in rows if (row.strategy, row.component) == (strategy, component)]
-            ratios = [_ratio(row, yardsticks) for row in there]
+            ratios = [_seconds_ratio(row, yardsticks) for row in there]
             lines = [chosen.worlds.index(row.world) + 0.2 * (index - (len(shown) - 1) / 2) for row in there]
             axes.errorbar(
                 [ratio.value for ratio in ratios],
@@ -183,7 +193,7 @@ def _draw(figure: Canvas, rows: Sequence[Row], yardsticks: Yardsticks, chosen: C
         axes.axvspan(AT_MOST, max(right, 1.4), color="black", alpha=0.06, linewidth=0)
         axes.set_xlim(min(0.0, left), max(right, 1.4))
         axes.set_yticks(range(len(chosen.worlds)), chosen.worlds)
-        axes.set(xlabel="attempts / attempts of the tuned spiral", title=component)
+        axes.set(xlabel="seconds at the hole / those of the tuned spiral", title=component)
     grid[0].invert_yaxis()
     handles, labels = grid[0].get_legend_handles_labels()
     if handles:

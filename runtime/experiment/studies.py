@@ -8,6 +8,7 @@ from runtime.errors import InputError, alternatives
 from runtime.experiment.study import Study
 
 STUDIES: dict[str, str] = {
+    "calibrate": "runtime.experiment.calibrate:STUDY",
     "compare": "runtime.experiment.compare:STUDY",
     "robustness": "runtime.experiment.robustness:STUDY",
 }
