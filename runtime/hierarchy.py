@@ -35,21 +35,21 @@ _NEGLIGIBLE = 3e-4  # weight of a case over that of the likeliest, below which i
 class Expectations:
     """What is expected before anything is known: standard deviations to weigh, and how often the model is wrong."""
 
-    common: float = 0.8e-3  # [m] of the common error
+    common: float = 0.6e-3  # [m] of the common error
     shifts: tuple[float, ...] = (0.08e-3, 0.25e-3, 0.6e-3, 1.5e-3)  # [m]
     shift_weights: tuple[float, ...] = (0.25, 0.35, 0.3, 0.1)
     rotations: tuple[float, ...] = (1e-3, 4e-3)  # [rad]
     rotation_weights: tuple[float, ...] = (0.5, 0.5)
     biases: tuple[float, ...] = (0.08e-3, 0.25e-3, 0.6e-3)  # [m]
     bias_weights: tuple[float, ...] = (0.25, 0.5, 0.25)
-    scatters: tuple[float, ...] = (0.05e-3, 0.1e-3, 0.16e-3, 0.28e-3)  # [m]
-    scatter_weights: tuple[float, ...] = (0.2, 0.35, 0.3, 0.15)
-    factors: tuple[float, ...] = (0.6, 1.0, 1.8, 3.2, 8.0)  # by which the parts of one hole scatter more
-    factor_weights: tuple[float, ...] = (0.1, 0.66, 0.16, 0.07, 0.01)
+    scatters: tuple[float, ...] = (0.04e-3, 0.07e-3, 0.12e-3, 0.19e-3, 0.3e-3)  # [m]
+    scatter_weights: tuple[float, ...] = (0.12, 0.22, 0.3, 0.24, 0.12)
+    factors: tuple[float, ...] = (1.0, 1.9, 3.6, 9.0)  # by which the parts of one hole scatter more
+    factor_weights: tuple[float, ...] = (0.8, 0.1, 0.09, 0.01)
     factor_floor: float = 0.004  # share that every factor keeps: any part may be an outlier
-    moved: float = 0.004  # probability that a hole has moved since its last part
+    moved: float = 0.001  # probability that a hole has moved since its last part
     moved_by: float = 1.0e-3  # [m]
-    changed: float = 0.01  # probability that with a fresh board everything has: another fixture, another teaching
+    changed: float = 0.003  # probability that with a fresh board everything has: another fixture, another teaching
     changed_by: float = 1.5e-3  # [m]
     drift: float = 0.02e-3  # [m] of the common error and of each hole's bias from board to board
 

@@ -33,7 +33,7 @@ class Calibrate:
     summary = "the statistical model of a cell against the full physics, attempt by attempt; constants that fit best"
     defaults = Choices(
         seeds=2,
-        boards=3,
+        boards=4,
         strategies=("spiral", "bayes-slide"),
         worlds=("located", "realistic"),
         components=("igbt", "capacitor"),

@@ -14,7 +14,7 @@ from runtime.experiment.paired import Pair, Twin
 
 Array = NDArray[np.float64]
 
-_FEWEST = 5  # data for a constant; with fewer the model's own is kept
+_FEWEST = 3  # data for a constant; with fewer the model's own is kept
 
 
 @dataclass(frozen=True)
@@ -22,7 +22,7 @@ class Fitted:
     """One constant."""
 
     value: float  # in the model's unit
-    error: float  # its standard error; nan where it is kept, or comes from no mean
+    error: float  # its standard error; nan where it is kept
     data: int  # attempts or searches that it comes from; 0 where the model's own is kept
 
 
@@ -86,13 +86,16 @@ def _seat(seated: Sequence[Twin]) -> tuple[Fitted | None, Fitted | None]:
 
 
 def _swath(slides: Sequence[Twin]) -> Fitted | None:
-    """The share of the area which tells best what slides caught: fewest are told wrong, the middle of such shares."""
+    """The share of the area which tells best what slides caught: the least of those that tell fewest wrong.
+
+    Its error is the width of their range.
+    """
     if len(slides) < _FEWEST or all(twin.seated for twin in slides) or not any(twin.seated for twin in slides):
         return None
-    edges = np.sort([twin.nearest for twin in slides])
-    shares = np.concatenate([[edges[0] / 2], (edges[1:] + edges[:-1]) / 2])
-    wrong = np.array([sum((twin.nearest < share) != twin.seated for twin in slides) for share in shares])
-    return Fitted(float(shares[wrong == wrong.min()].mean()), math.nan, len(slides))
+    shares = np.sort([twin.nearest for twin in slides])
+    wrong = np.array([sum((twin.nearest <= share) != twin.seated for twin in slides) for share in shares])
+    best = int(wrong.argmin())
+    return Fitted(float(shares[best]), float(shares[min(best + 1, len(shares) - 1)] - shares[best]), len(slides))
 
 
 def _line(x: Sequence[float], y: Sequence[float]) -> tuple[Fitted | None, Fitted | None]:

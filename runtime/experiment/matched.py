@@ -50,6 +50,8 @@ class Settings:
     prior_width: float  # [m] of meta: N(m0, I) in this unit
     mean_count: float  # insertions that meta's prior mean is worth
     covariance_count: float  # insertions that meta's prior covariance is worth
+    repulsion: float = 6e6  # [1/m^2] lambda of meta's covers, in the corrected Eq. 45
+    covers: int = 30  # n of meta
 
 
 @dataclass(frozen=True)
@@ -87,7 +89,8 @@ def methods(component: str, settings: Settings) -> tuple[Contender, ...]:
         "prior_width": _millimetres(settings.prior_width),
         "mean_count": settings.mean_count,
         "covariance_count": settings.covariance_count,
-        "covers": MAX_ATTEMPTS,
+        "covers": settings.covers,
+        "repulsion": f"{settings.repulsion:.6g} m^-2",
     }
     given = (line | as_printed, spiral | as_printed, line | spiral | as_printed, meta)
     return tuple(Contender(name, name, one) for name, one in zip(METHODS, given, strict=True))

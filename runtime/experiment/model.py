@@ -33,13 +33,13 @@ from runtime.world import Gap, World
 class Timing:
     """How long things take [s]: what `palpate experiment calibrate` finds to fit the full physics best."""
 
-    part: float = 8.6  # to fetch a part, bring it over the first place to try, let go and rise
-    blocked: float = 0.45  # a peck that meets the board, with the way up
-    seated: float = 0.89  # a peck that goes in
-    travel_speed: float = 0.05  # [m/s] between the positions of successive attempts
-    slide_blocked: float = 0.55  # a slide that meets no hole, beside the way slid
-    slide_seated: float = 1.0  # a slide that does, beside the way slid
-    slide_speed: float = 5e-3  # [m/s]
+    part: float = 6.73  # to fetch a part, bring it over the first place to try, let go and rise
+    blocked: float = 0.40  # a peck that meets the board, with the way up
+    seated: float = 0.92  # a peck that goes in
+    travel_speed: float = 0.0285  # [m/s] between the positions of successive attempts
+    slide_blocked: float = 0.42  # a slide that meets no hole, beside the way slid
+    slide_seated: float = 0.725  # a slide that does, beside the way slid
+    slide_speed: float = 9.57e-3  # [m/s] along the path, all told
 
     def attempt(self, *, moved: float, seated: bool, slid: float | None = None) -> float:
         """Duration [s] of an attempt that begins `moved` [m] from the last, and slides so far [m]; None: a peck."""
@@ -56,11 +56,11 @@ class Capture:
     A part sits where it was tried, not in the middle: its pins have play, and a peck does not give way across.
     """
 
-    swath: float = 0.85  # of the feasible area, about its centre: passed over by a slide, the pins drop in
+    swath: float = 1.06  # of the feasible area, about its centre: passed over by a slide, the pins drop in
     peck_kept: float = 0.93  # of the distance of a peck from the hole's centre that the seated part keeps
-    peck_noise: float = 0.01e-3  # [m] per axis about that
-    slide_kept: float = 0.63  # the same, of where a slide caught the hole
-    slide_noise: float = 0.04e-3  # [m]
+    peck_noise: float = 0.008e-3  # [m] per axis about that
+    slide_kept: float = 0.58  # the same, of where a slide caught the hole
+    slide_noise: float = 0.048e-3  # [m]
     step: float = 0.02e-3  # [m] along a path between the points that are looked at
 
 

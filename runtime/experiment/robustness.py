@@ -148,10 +148,7 @@ def _verdict(rows: Sequence[Row], yardsticks: Yardsticks) -> Iterator[str]:
         if row.strategy == AIMED_AT:
             ratio, what = _attempts_ratio(row, yardsticks), "attempts"
         else:  # a slide tries many places at once; its seconds compare, its attempts do not
-            ratio, what = (
-                ratio_over_seeds(search_times(row.records), search_times(spiral.records)),
-                "seconds at the hole",
-            )
+            ratio, what = _seconds_ratio(row, yardsticks), "seconds at the hole"
         told = f"{row.world}, {row.component}: {what} of {row.strategy} in multiples of the spiral's"
         yield (
             f"{aim(told, ratio, AT_MOST)} Left unsolved within R: {row.score.unsolved} of {row.score.within}, "
@@ -189,9 +186,9 @@ def _draw(figure: Canvas, rows: Sequence[Row], yardsticks: Yardsticks, chosen: C
                 capsize=2,
             )
         axes.axvline(1.0, color="black", linewidth=1)
-        left, right = axes.get_xlim()
+        right = axes.get_xlim()[1]
         axes.axvspan(AT_MOST, max(right, 1.4), color="black", alpha=0.06, linewidth=0)
-        axes.set_xlim(min(0.0, left), max(right, 1.4))
+        axes.set_xlim(0.0, max(right, 1.4))
         axes.set_yticks(range(len(chosen.worlds)), chosen.worlds)
         axes.set(xlabel="seconds at the hole / those of the tuned spiral", title=component)
     grid[0].invert_yaxis()
