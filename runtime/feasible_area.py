@@ -48,8 +48,8 @@ class FeasibleArea:
         return np.asarray(np.hypot(e[..., 0], e[..., 1]) / rim)
 
 
-def area_of(goal: SearchGoal) -> FeasibleArea:
-    """The area in which the goal's part goes in: its component's shape with the goal's feasible radius.
+def area_of(goal: SearchGoal, size: float = 1.0) -> FeasibleArea:
+    """The area in which the goal's part goes in: its component's shape with the goal's feasible radius, times `size`.
 
     A disc if the component is not known. Raises InputError unless the radius is a positive length.
     """
@@ -58,7 +58,7 @@ def area_of(goal: SearchGoal) -> FeasibleArea:
         raise InputError(f"search {goal.search}: feasible_radius must be a positive length, not {radius} m")
     turn = goal.nominal.orientation  # half a turn about x, then the part's orientation about z
     yaw = 2 * math.atan2(turn.y, turn.x)
-    return _area(goal.component, round(math.remainder(yaw, 2 * math.pi), _DIGITS), radius)
+    return _area(goal.component, round(math.remainder(yaw, 2 * math.pi), _DIGITS), radius * size)
 
 
 @lru_cache(maxsize=64)

@@ -22,22 +22,24 @@ class Bayes:
     the feasible area's true shape. The next position maximises the probability of insertion per second.
 
     The model may be wrong: after `patience` attempts every other one, and after three times as many every one, belongs
-    to a sweep that finds any hole within the search radius.
+    to a sweep that finds any hole within the search radius. Where the search before found nothing either, so that the
+    board may be the wrong one, the sweep begins sooner and is brief.
     """
 
     patience: Annotated[int, Field(ge=1, le=10_000)] = 60  # attempts
-    size_spread: Annotated[float, Field(ge=0.02, le=0.5)] = 0.15  # of the feasible area's half axes, from part to part
+    size: Annotated[float, Field(ge=0.5, le=1.5)] = 0.97  # of the stated feasible area's half axes: parts are turned
+    size_spread: Annotated[float, Field(ge=0.02, le=0.5)] = 0.12  # of them, from part to part
     slide_noise: Annotated[Length, Positive] = 0.09e-3  # [m] per axis, of a slid part's position as a hole's centre
     peck_time: Annotated[Duration, Positive] = 0.37  # [s] that a failure takes
     travel_speed: Annotated[Speed, Positive] = 0.05  # [m/s] between positions
 
     def search(self, goal: SearchGoal) -> Search:
         """Propose positions until the search radius is swept."""
-        pursuit = Pursuit(goal, self.slide_noise, self.size_spread)
+        pursuit = Pursuit(goal, self.slide_noise, self.size, self.size_spread)
         number = 0
         while True:
             number += 1
-            if number > self.patience and (number % 2 == 0 or number > 3 * self.patience):
+            if pursuit.guard_is_due(number, self.patience):
                 point = pursuit.guarded()
                 if point is None:
                     return

@@ -26,21 +26,24 @@ class _Pass:
 
 
 _PASSES = (_Pass(0.72, 0.8, 1.0), _Pass(0.45, 0.55, 2.0))
+_BRIEF = (_Pass(0.94, 1.0, 1.0),)
 _RINGS = 3  # of points in a lattice cell at which is looked whether it is covered: 0.03 is the most they miss
 
 
-def sweep(area: FeasibleArea, centre: Array, reach: float, tried: Callable[[], Array]) -> Iterator[Array]:
+def sweep(
+    area: FeasibleArea, centre: Array, reach: float, tried: Callable[[], Array], *, brief: bool = False
+) -> Iterator[Array]:
     """Positions (2,) [m], nearest to `centre` (2,) [m] first, that leave no gap within `reach` [m] of nominal.
 
     Two triangular lattices in the area's own units. One finds any hole within reach whose area has 0.8 of the stated
     width or more, the other, following at half its distance, any of 0.55 or more: about 260 positions and 660 more
     for a reach of ten feasible radii. `tried` tells the positions (n, 2) [m] that were tried so far; cells that they
-    cover are left out.
+    cover are left out. `brief`: one lattice, that finds any area of the stated width, in about 150 positions.
     """
     here = area.to_own(centre)
     shorter = float(np.linalg.svd(area.half_axes, compute_uv=False)[-1])  # [m]
     widest = (reach + float(np.hypot(*centre))) / shorter + 1.0
-    for cell, offset in _in_turn(widest):
+    for cell, offset in _in_turn(_BRIEF if brief else _PASSES, widest):
         middle = here + np.array(offset)
         corners = area.to_metres(middle + _hexagon(cell.cover))
         inside = np.hypot(corners[:, 0], corners[:, 1]) <= reach
@@ -51,11 +54,11 @@ def sweep(area: FeasibleArea, centre: Array, reach: float, tried: Callable[[], A
         yield point if distance <= reach else point * (reach / distance * (1 - 1e-9))
 
 
-def _in_turn(widest: float) -> list[tuple[_Pass, Offset]]:
+def _in_turn(passes: tuple[_Pass, ...], widest: float) -> list[tuple[_Pass, Offset]]:
     """The points of all lattices out to `widest`, in the order of their turns."""
     points = [
         (each.rank * math.hypot(*offset), index, each, offset)
-        for each in _PASSES
+        for each in passes
         for index, offset in enumerate(lattice(math.sqrt(3) * each.cover, widest))
     ]
     return [(each, offset) for _, _, each, offset in sorted(points, key=lambda point: (round(point[0], 6), point[1]))]

@@ -8,14 +8,14 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.belief import gaussian
+from runtime.belief import gaussian, seat_points
 from runtime.feasible_area import area_of
 from runtime.messages import Proposal, SearchGoal, Waypoint
 from strategies.guard import sweep
 from strategies.learning import belief_at
 from strategies.offset_grid import OffsetGrid, best
 from strategies.patterns import lattice
-from strategies.start import check, reach_of
+from strategies.start import check
 
 Array = NDArray[np.float64]
 
@@ -27,21 +27,22 @@ _WORTH = 0.62  # share of the best mass that a lattice point must have
 class Pursuit:
     """A search under way."""
 
-    def __init__(self, goal: SearchGoal, slide_noise: float, size_spread: float) -> None:
-        """`slide_noise` [m] of a slid part's place, `size_spread` of the feasible area, relative.
+    def __init__(self, goal: SearchGoal, slide_noise: float, size: float, size_spread: float) -> None:
+        """`slide_noise` [m] of a slid part's place, `size` of the feasible area over the stated one and its spread.
 
         Raises InputError unless the goal's radii are positive lengths.
         """
         check(goal)
-        self.area = area_of(goal)
+        self.area = area_of(goal, size)
         belief = belief_at(goal, self.area, slide_noise, size_spread)
         self.grid = OffsetGrid(self.area, belief, size_spread)
-        self.reach = reach_of(goal, (float(belief.mean[0]), float(belief.mean[1])))  # [m] from nominal
+        self.reach = _reach(goal)  # [m] from nominal
+        self.brief = _found_nothing_lately(goal)
         self._told = gaussian(belief.mean, belief.covariance)
         self._tried = np.empty((0, 2))  # [m]
         away = float(np.hypot(*belief.mean))
         centre = belief.mean * min(1.0, self.reach / max(away, 1e-12))
-        self._guard = sweep(self.area, centre, self.reach, lambda: self._tried)
+        self._guard = sweep(self.area, centre, self.reach, lambda: self._tried, brief=self.brief)
 
     def peck(self, point: Array) -> Proposal:
         """A peck at a point (2,) [m]."""
@@ -53,6 +54,12 @@ class Pursuit:
         probability = self._probability(path[0])
         ways = [Waypoint(float(point[0]), float(point[1])) for point in path[1:]]
         return Proposal(float(x), float(y), probability=probability, belief=self._told, path=ways)
+
+    def guard_is_due(self, number: int, patience: int) -> bool:
+        """Whether the attempt of this number belongs to the guard; see `strategies.bayes`."""
+        if self.brief:
+            return number > patience / 3
+        return number > patience and (number % 2 == 0 or number > 3 * patience)
 
     def guarded(self) -> Array | None:
         """The next point (2,) [m] of the sweep that needs no belief; None once the search radius is swept."""
@@ -91,6 +98,33 @@ class Pursuit:
         masses = self.grid.masses()
         inside = 0 <= row < self.grid.side and 0 <= column < self.grid.side
         return float(min(masses[row, column], 1.0)) if inside else 0.0
+
+
+def _reach(goal: SearchGoal) -> float:
+    """How far from nominal a search may go [m]: the search radius, or a little beyond the farthest seat outside it."""
+    seats = seat_points(goal.seats)
+    farthest = float(np.hypot(seats[:, 0], seats[:, 1]).max()) if len(seats) else 0.0
+    return goal.search_radius if farthest <= goal.search_radius else farthest + goal.feasible_radius
+
+
+def _found_nothing_lately(goal: SearchGoal) -> bool:
+    """Whether the board at hand has a search that found nothing, and nothing was found after it.
+
+    Then the board may be the wrong one, and what was looked for in vain is not worth looking for as thoroughly again.
+    """
+    order = [place.hole for place in goal.layout]
+    seats = {seat.hole for seat in goal.seats if seat.board == goal.board}
+    missed = {miss.hole for miss in goal.misses if miss.board == goal.board} - seats
+    if not missed:  # or none yet: the board before
+        return not seats and _last_board_was_lost(goal)
+    last = max(order.index(hole) for hole in missed if hole in order)
+    return all(order.index(hole) < last for hole in seats if hole in order)
+
+
+def _last_board_was_lost(goal: SearchGoal) -> bool:
+    boards = {seat.board for seat in goal.seats}
+    lost = {miss.board for miss in goal.misses} - boards
+    return bool(lost) and max(lost) > max(boards, default=0)
 
 
 @lru_cache(maxsize=128)

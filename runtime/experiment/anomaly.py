@@ -80,8 +80,8 @@ class Anomaly:
         curves = [curve for name in chosen.components for curve in _curves(MATCHED[name], chosen, results)]
         picture = Picture(
             "holes",
-            f"Seconds for each component and share inserted, at hole {ABNORMAL_HOLE} (solid) and at the others (dashed); "
-            f"bands: standard error over {chosen.seeds} seeds",
+            f"Seconds for each component and share inserted, at hole {ABNORMAL_HOLE} (solid) and at the others "
+            f"(dashed); bands: standard error over {chosen.seeds} seeds",
             lambda figure: _draw(figure, curves, chosen.components),
             (11.0, 1.2 + 4.4 * len(chosen.components)),
         )
@@ -90,9 +90,7 @@ class Anomaly:
             tables=(_summary(curves), _boards(curves)),
             figures=(picture,),
             verdict=tuple(sentence for name in chosen.components for sentence in _verdict(curves, name)),
-            assumptions=tuple(
-                item for name in chosen.components for item in assumptions(MATCHED[name], tables[name])
-            ),
+            assumptions=tuple(item for name in chosen.components for item in assumptions(MATCHED[name], tables[name])),
         )
 
 
@@ -164,10 +162,11 @@ def _verdict(curves: Sequence[Curve], component: str) -> Iterator[str]:
     flat = abs(last.value - first.value) <= 2 * np.hypot(np.nan_to_num(first.error), np.nan_to_num(last.error))
     share = abnormal["linear"].share()
     yield (
-        f"{component}. {'Reproduced' if flat else 'Not reproduced'}: line search stays slow there, {first} to {last} s; "
-        f"it inserts {share.value:.0%} of those parts and gives up the others."
+        f"{component}. {'Reproduced' if flat else 'Not reproduced'}: line search stays slow there, {first} to {last} "
+        f"s; it inserts {share.value:.0%} of those parts and gives up the others."
     )
-    if (spiral := abnormal["spiral"]) and len(boards) > 1:
+    if len(boards) > 1:
+        spiral = abnormal["spiral"]
         ours, theirs = spiral.time(boards[0]), spiral.time(boards[-1])
         faster = ours.value - theirs.value > 2 * np.hypot(np.nan_to_num(ours.error), np.nan_to_num(theirs.error))
         yield (
@@ -175,8 +174,8 @@ def _verdict(curves: Sequence[Curve], component: str) -> Iterator[str]:
             f"{theirs} s; it inserts {spiral.share().value:.0%} of those parts."
         )
     yield (
-        f"{component}. Cannot be decided: how far this agrees with Fig. 11, which the paper's source does not contain and "
-        "its text does not quote; how much more that hole's parts scatter; how many of them were inserted."
+        f"{component}. Cannot be decided: how far this agrees with Fig. 11, which the paper's source does not contain "
+        "and its text does not quote; how much more that hole's parts scatter; how many of them were inserted."
     )
 
 
@@ -215,7 +214,7 @@ def _draw(figure: Canvas, curves: Sequence[Curve], components: Sequence[str]) ->
         axes.set_xlabel("board")
     from matplotlib.lines import Line2D
 
-    black = {"color": "black", "markersize": 4}
+    black: dict[str, Any] = {"color": "black", "markersize": 4}
     keys = [
         Line2D([], [], linestyle="-", marker="o", label=PLACES[0], **black),
         Line2D([], [], linestyle="--", marker="s", label=PLACES[1], **black),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from runtime.component import COMPONENTS, feasible_radius
-from runtime.experiment.matched import MAX_ATTEMPTS, SEARCH, Matched
+from runtime.experiment.matched import MAX_ATTEMPTS, REPULSION, SEARCH, Matched
 from runtime.experiment.study import Assumption
 
 
@@ -41,7 +41,8 @@ def assumptions(matched: Matched, table: int) -> tuple[Assumption, ...]:
         ),
         Assumption(
             "spiral",
-            f"{math.degrees(settings.step):.3g} degrees from attempt to attempt, {_mm(settings.pitch)} from turn to turn",
+            f"{math.degrees(settings.step):.3g} degrees from attempt to attempt, {_mm(settings.pitch)} from turn to "
+            "turn",
             fitted,
         ),
         Assumption("hybrid", "line and spiral as above, one step of each by turns", "the paper's list of strategies"),
@@ -52,15 +53,15 @@ def assumptions(matched: Matched, table: int) -> tuple[Assumption, ...]:
         ),
         Assumption(
             "meta: what it believes first, and how fast it learns",
-            f"standard deviation {_mm(settings.prior_width)}; its mean counts as {settings.mean_count:.2g} insertions, its "
-            f"covariance as {settings.covariance_count:.2g}; per hole",
+            f"standard deviation {_mm(settings.prior_width)}; its mean counts as {settings.mean_count:.2g} insertions, "
+            f"its covariance as {settings.covariance_count:.2g}; per hole",
             f"{fitted}; a normal-inverse-Wishart prior stands in for Eqs. 28-30, which have no solution",
         ),
         Assumption(
             "meta: covers",
-            f"{settings.covers}, kept apart by lambda = {1e-6 * settings.repulsion:.3g} per mm² with the sign of Eq. 45 "
-            "mended (`pairs`); then a sweep of what they left",
-            f"lambda is {fitted}, the number of covers chosen; with the sign as printed there is nothing to try",
+            f"{MAX_ATTEMPTS}, kept apart by lambda = {1e-6 * REPULSION:.3g} per mm² with the sign of Eq. 45 mended "
+            "(`pairs`)",
+            "chosen: as many as attempts, side by side; with the sign as printed covers gather or flee, see `table3`",
         ),
         Assumption(
             "the longest search",

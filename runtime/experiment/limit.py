@@ -11,7 +11,7 @@ Nothing else than pecks is meant: one slide tries many places. Two figures for e
 - `estimate`, the estimated limit, is what the best cover found (`cover`) of the same density takes. It knows the true
   distributions, the exact places of all earlier parts and the size of each hole, so it is a little more than can be
   had; but a better cover may exist, so it is no bound. An error of fixed length counts as normal with the same mean
-  square in all searches but the one that meets it first. Numerically it is good to 1 %.
+  square in all searches but the one that meets it first. Integrals and table are good to 1 %.
 
 There is no estimate, but nan, where scatter has heavy tails: the density of the next place then depends on what was
 found. There is neither where the common error exceeds the search radius: nobody finds what lies out of reach.

@@ -1,8 +1,8 @@
 """Many seeds of the paper's experiment at once, as arrays: what fitting its tables needs.
 
 The worlds are those of `runtime.world`, draw for draw, and line, spiral and hybrid are the strategies' own candidates,
-so that their attempts are exactly those of the trials. Meta search is approximated: its covers are a lattice by
-probability under the same posterior.
+so that their attempts are exactly those of the trials as long as none lies beyond the search radius. Meta search is
+approximated: its covers are a lattice by probability under the same posterior.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import islice
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -60,7 +61,7 @@ class Spread:
 
 @dataclass(frozen=True)
 class Worlds:
-    """What many seeds draw, for tolerances of 1 m: shapes (seeds, boards, holes, 2), and radii (seeds, boards, holes)."""
+    """What many seeds draw, for tolerances of 1 m: shape (seeds, boards, holes, 2); of radii (seeds, boards, holes)."""
 
     component: str
     common: Array
@@ -93,7 +94,13 @@ def draw(component: str, seeds: Sequence[int]) -> Worlds:
     shape = (len(seeds), BOARDS, HOLES, 2)
     arrays = {name: np.zeros(shape) for name in ("common", "shift", "bias", "scatter")}
     wider = np.zeros(shape[:3])
-    rigid = {"board_shift": 0.0, "board_rotation": 0.0, "hole_bias": 0.0, "part_scatter": 0.0, "part_rotation": 0.0}
+    rigid: dict[str, Any] = {
+        "board_shift": 0.0,
+        "board_rotation": 0.0,
+        "hole_bias": 0.0,
+        "part_scatter": 0.0,
+        "part_rotation": 0.0,
+    }
     for s, seed in enumerate(seeds):
 
         def world(seed: int = seed, **one: float) -> World:
@@ -187,9 +194,9 @@ def _meta(worlds: Worlds, offsets: Array, settings: Settings) -> Outcomes:
 
 
 def _try(worlds: Worlds, offsets: Array, tried: Array, board: int) -> tuple[Array, NDArray[np.bool_], Array]:
-    """Attempts, success, and the last candidate at each hole of a board, for candidates (seeds, holes, n, 2) in turn."""
+    """Attempts, success and last candidate at each hole of a board, for candidates (seeds, holes, n, 2) in turn."""
     inside = worlds.feasible(tried - offsets[:, board, :, None], board)
-    seated = inside.any(axis=-1)
+    seated: NDArray[np.bool_] = np.asarray(inside.any(axis=-1))
     last = np.where(seated, inside.argmax(axis=-1), tried.shape[2] - 1)
     return last + 1.0, seated, np.take_along_axis(tried, last[..., None, None], axis=2)[:, :, 0]
 

@@ -17,7 +17,8 @@ from runtime.experiment.paper import HOLES, METHODS
 from runtime.experiment.worlds import NamedWorld, world
 
 MAX_ATTEMPTS = 60
-SEARCH = SearchLimits(radius=8e-3, max_attempts=MAX_ATTEMPTS, prior_width=0.5e-3)
+REPULSION = 6e6  # [1/m^2] lambda of meta's covers, in the corrected Eq. 45: they touch each other and leave few gaps
+SEARCH = SearchLimits(radius=15e-3, max_attempts=MAX_ATTEMPTS, prior_width=0.5e-3)
 """So wide that only the attempts end a search: the paper states a longest search time and no radius."""
 
 
@@ -41,7 +42,7 @@ class Clock:
 
 @dataclass(frozen=True)
 class Settings:
-    """What the four methods are given. All of it is matched."""
+    """What the four methods are given, as far as it is matched."""
 
     stride: float  # [m] s of Eqs. 10-11, of line and hybrid
     cycles: int  # m of the line, after which it gives up
@@ -50,8 +51,6 @@ class Settings:
     prior_width: float  # [m] of meta: N(m0, I) in this unit
     mean_count: float  # insertions that meta's prior mean is worth
     covariance_count: float  # insertions that meta's prior covariance is worth
-    repulsion: float = 6e6  # [1/m^2] lambda of meta's covers, in the corrected Eq. 45
-    covers: int = 30  # n of meta
 
 
 @dataclass(frozen=True)
@@ -89,11 +88,42 @@ def methods(component: str, settings: Settings) -> tuple[Contender, ...]:
         "prior_width": _millimetres(settings.prior_width),
         "mean_count": settings.mean_count,
         "covariance_count": settings.covariance_count,
-        "covers": settings.covers,
-        "repulsion": f"{settings.repulsion:.6g} m^-2",
+        "covers": MAX_ATTEMPTS,
+        "repulsion": f"{REPULSION:g} m^-2",
     }
     given = (line | as_printed, spiral | as_printed, line | spiral | as_printed, meta)
     return tuple(Contender(name, name, one) for name, one in zip(METHODS, given, strict=True))
+
+
+IGBT = Matched(
+    "paper-igbt",
+    "igbt",
+    Settings(
+        stride=0.188e-3,
+        cycles=53,
+        step=math.radians(72.8),
+        pitch=0.317e-3,
+        prior_width=1.12e-3,
+        mean_count=0.166,
+        covariance_count=2.73,
+    ),
+    Clock(part=3.66, attempt=0.183, spiral_attempt=0.174),
+)
+CAPACITOR = Matched(
+    "paper-capacitor",
+    "capacitor",
+    Settings(
+        stride=0.244e-3,
+        cycles=59,
+        step=math.radians(119.5),
+        pitch=0.346e-3,
+        prior_width=0.524e-3,
+        mean_count=1.19,
+        covariance_count=1.78,
+    ),
+    Clock(part=4.0, attempt=0.234, spiral_attempt=0.154),
+)
+MATCHED = {matched.component: matched for matched in (IGBT, CAPACITOR)}
 
 
 def _millimetres(length: float) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,7 +46,7 @@ class Match:
 
 def match(table: CycleTimes, seeds: int, generations: int) -> Match:
     """Differential evolution over tolerances and settings; the clock that goes with them by least squares."""
-    from scipy.optimize import differential_evolution
+    from scipy.optimize import Bounds, differential_evolution
 
     worlds = draw(table.component, range(FIRST_SEED, FIRST_SEED + seeds))
 
@@ -54,7 +55,7 @@ def match(table: CycleTimes, seeds: int, generations: int) -> Match:
 
     found = differential_evolution(
         loss,
-        list(BOUNDS.values()),
+        Bounds(*np.transpose(list(BOUNDS.values()))),
         popsize=POPULATION,
         maxiter=generations,
         rng=np.random.default_rng(0),
@@ -84,6 +85,6 @@ def _fitted(table: CycleTimes, worlds: Worlds, vector: Array) -> tuple[Clock, fl
 
 
 def _parameters(vector: Array) -> tuple[Spread, Settings]:
-    named = dict(zip(BOUNDS, map(float, vector), strict=True))
+    named: dict[str, Any] = dict(zip(BOUNDS, map(float, vector), strict=True))
     spread = Spread(**{field.name: named.pop(field.name) for field in fields(Spread)})
     return spread, Settings(**{**named, "cycles": round(named["cycles"])})

@@ -37,7 +37,7 @@ class Timing:
     blocked: float = 0.40  # a peck that meets the board, with the way up
     seated: float = 0.92  # a peck that goes in
     travel_speed: float = 0.0285  # [m/s] between the positions of successive attempts
-    slide_blocked: float = 0.42  # a slide that meets no hole, beside the way slid
+    slide_blocked: float = 0.45  # a slide that meets no hole, beside the way slid
     slide_seated: float = 0.725  # a slide that does, beside the way slid
     slide_speed: float = 9.57e-3  # [m/s] along the path, all told
 
@@ -56,7 +56,7 @@ class Capture:
     A part sits where it was tried, not in the middle: its pins have play, and a peck does not give way across.
     """
 
-    swath: float = 1.06  # of the feasible area, about its centre: passed over by a slide, the pins drop in
+    swath: float = 0.85  # of the feasible area, about its centre: passed over by a slide, the pins drop in
     peck_kept: float = 0.93  # of the distance of a peck from the hole's centre that the seated part keeps
     peck_noise: float = 0.008e-3  # [m] per axis about that
     slide_kept: float = 0.58  # the same, of where a slide caught the hole

@@ -8,6 +8,12 @@ from runtime.errors import InputError, alternatives
 from runtime.experiment.study import Study
 
 STUDIES: dict[str, str] = {
+    "table1": "runtime.experiment.tables:TABLE1",
+    "table2": "runtime.experiment.tables:TABLE2",
+    "table3": "runtime.experiment.table3:STUDY",
+    "anomaly": "runtime.experiment.anomaly:STUDY",
+    "covers": "runtime.experiment.covers:STUDY",
+    "match": "runtime.experiment.match:STUDY",
     "calibrate": "runtime.experiment.calibrate:STUDY",
     "compare": "runtime.experiment.compare:STUDY",
     "robustness": "runtime.experiment.robustness:STUDY",
