@@ -38,7 +38,7 @@ class BayesSlide:
 
     patience: Annotated[int, Field(ge=1, le=10_000)] = 12  # attempts
     size: Annotated[float, Field(ge=0.5, le=1.5)] = 0.97  # of the stated feasible area's half axes: parts are turned
-    size_spread: Annotated[float, Field(ge=0.02, le=0.5)] = 0.12  # of them, from part to part
+    size_spread: Annotated[float, Field(ge=0.02, le=0.5)] = 0.15  # of them, from part to part
     slide_noise: Annotated[Length, Positive] = 0.09e-3  # [m] per axis, of a slid part's position as a hole's centre
     peck_time: Annotated[Duration, Positive] = 0.37  # [s] that a blocked peck takes
     travel_speed: Annotated[Speed, Positive] = 0.05  # [m/s] between positions

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -13,7 +13,6 @@ from runtime.experiment.estimates import Estimate, mean_over_seeds
 from runtime.experiment.matched import MATCHED, Matched
 from runtime.experiment.palette import looks
 from runtime.experiment.paper import ABNORMAL_HOLE, BOARDS, METHODS
-from runtime.experiment.score import GIVES_UP
 from runtime.experiment.study import Choices, Findings, Picture, Results, Table, listed
 from runtime.experiment.tables import Row, rows_of, trials_of
 from runtime.experiment.trial import Trial
@@ -39,6 +38,10 @@ class Curve:
     def boards(self) -> range:
         """Numbers of the boards."""
         return range(1, self.row.times.shape[1] + 1)
+
+    def times_by_seed(self) -> list[list[float]]:
+        """Time of each part [s], seed by seed."""
+        return [[self.clock(search.attempts) for search in seed] for seed in self._searches(())]
 
     def time(self, *boards: int) -> Estimate:
         """Time for each part [s], on these boards; on all if none is named."""
@@ -145,14 +148,7 @@ def _verdict(curves: Sequence[Curve], component: str) -> Iterator[str]:
     abnormal = {curve.method: curve for curve in there if curve.place == PLACES[0]}
     others = {curve.method: curve for curve in there if curve.place == PLACES[1]}
     boards = abnormal["meta"].boards
-    told = listed(f"{name} {curve.time()} s against {others[name].time()} s" for name, curve in abnormal.items())
-    harder = all(
-        curve.time().value - curve.time().error > others[name].time().value + others[name].time().error
-        for name, curve in abnormal.items()
-        if curve.share().value >= GIVES_UP
-    )
-    outcome = "Reproduced" if harder else "Not reproduced"
-    yield f"{component}. {outcome}: hole {ABNORMAL_HOLE} takes longer wherever the part is found in the end: {told}."
+    yield f"{component}. {_harder(abnormal, others)}"
     fastest = min(abnormal.values(), key=lambda curve: curve.time(boards[-1]).value)
     yield (
         f"{component}. {'Reproduced' if fastest.method == 'meta' else 'Not reproduced'}: meta is the fastest there; on "
@@ -176,6 +172,21 @@ def _verdict(curves: Sequence[Curve], component: str) -> Iterator[str]:
     yield (
         f"{component}. Cannot be decided: how far this agrees with Fig. 11, which the paper's source does not contain "
         "and its text does not quote; how much more that hole's parts scatter; how many of them were inserted."
+    )
+
+
+def _harder(abnormal: Mapping[str, Curve], others: Mapping[str, Curve]) -> str:
+    """For whom the abnormal hole takes longer, by pairs of seeds."""
+    words: dict[str, list[str]] = {"longer": [], "no longer": []}
+    for name, curve in abnormal.items():
+        pairs = zip(curve.times_by_seed(), others[name].times_by_seed(), strict=True)
+        by = mean_over_seeds([[float(np.mean(here) - np.mean(there))] for here, there in pairs])
+        words["longer" if by.value > 2 * by.error else "no longer"].append(f"{name} by {by} s")
+    told = "; ".join(f"{how} for {listed(names)}" for how, names in words.items() if names)
+    return (
+        f"Hole {ABNORMAL_HOLE} takes {told}. A pattern with gaps misses some holes on every board, and parts that scatter "
+        "come within it at times; only where nearly all is found does scatter cost attempts. The paper says that the hole "
+        "is abnormal, not that it takes longer."
     )
 
 

@@ -265,8 +265,8 @@ def _flatness(line: Row, printed: CycleTimes) -> str:
     theirs = sum(cells[half:last]) / (last - half) - sum(cells[:half]) / half
     flat = abs(late - early) <= FLAT * early
     return (
-        f"{'Reproduced' if flat else 'Not reproduced'}: line search does not get faster, {late - early:+.1f} s from the "
-        f"first half of the boards to the second (paper: {theirs:+.1f} s). {_why(line)}"
+        f"{'Reproduced' if flat else 'Not reproduced'}: line search does not get faster, {late - early:+.1f} s from "
+        f"the first half of the boards to the second (paper: {theirs:+.1f} s). {_why(line)}"
     )
 
 

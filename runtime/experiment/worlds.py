@@ -14,7 +14,7 @@ from runtime.config import Cell
 from runtime.errors import InputError, alternatives
 
 MM = 1e-3
-SEARCH = SearchLimits(radius=2.5 * MM, max_attempts=800, prior_width=0.5 * MM)
+SEARCH = SearchLimits(radius=2.5 * MM, max_attempts=400, prior_width=0.5 * MM)
 PITCH = 30e-3  # [m] of the 3 x 3 grid of holes
 
 GRID = Board(
