@@ -140,7 +140,7 @@ class Seat:
     y: Metres
     seated_x: Metres  # the TCP once the part was seated, as the robot reads it
     seated_y: Metres
-    slid: Bool = False  # whether the pins dropped in on a slide
+    slid: Bool = False  # whether the pins dropped in on the way of a slide
 
     __msgtype__: ClassVar[str]
 
@@ -428,6 +428,14 @@ class PublisherCounts:
     counts: list[PublisherCount]
 
     __msgtype__: ClassVar[str]
+
+
+def slid_in(attempt: Attempt) -> bool:
+    """Whether the pins dropped in on the way of a slide, not where they first touched the board."""
+    if not attempt.path or attempt.outcome != Outcome.SEATED:
+        return False
+    first = attempt.path[0]
+    return math.hypot(attempt.x - first.x, attempt.y - first.y) > 1e-9
 
 
 def stamp_of(nanoseconds: int) -> Time:

@@ -13,7 +13,19 @@ from typing import Protocol
 from runtime.assembly import goal_for
 from runtime.belief import belief_about
 from runtime.config import Cell, redacted_cell
-from runtime.messages import Attempt, Belief, Candidate, Gaussian, Miss, Outcome, SearchGoal, Seat, Waypoint, header
+from runtime.messages import (
+    Attempt,
+    Belief,
+    Candidate,
+    Gaussian,
+    Miss,
+    Outcome,
+    SearchGoal,
+    Seat,
+    Waypoint,
+    header,
+    slid_in,
+)
 from runtime.plugin import SearchRecord, Strategy
 from runtime.strategy_host import SearchSession
 
@@ -114,4 +126,4 @@ class PlainJob:
         if attempts and attempts[-1].outcome == Outcome.SEATED:
             last, nominal = attempts[-1], goal.nominal.position
             x, y = last.pose.position.x - nominal.x, last.pose.position.y - nominal.y
-            self.seats.append(Seat(SESSION, goal.board, goal.hole, last.x, last.y, x, y, bool(last.path)))
+            self.seats.append(Seat(SESSION, goal.board, goal.hole, last.x, last.y, x, y, slid_in(last)))

@@ -18,7 +18,7 @@ from typing import Any
 
 from runtime.closing import Closing
 from runtime.errors import InputError, SessionError
-from runtime.messages import Attempt, Ending, Miss, Outcome, SearchResult, Seat, Waypoint
+from runtime.messages import Attempt, Ending, Miss, Outcome, SearchResult, Seat, Waypoint, slid_in
 
 SCHEMA_VERSION = 2
 _APPLICATION_ID = 0x70616C70  # "palp": tells this file from other programs' databases
@@ -37,6 +37,7 @@ CREATE TABLE search (
     ending INTEGER NOT NULL,
     x REAL, y REAL,                -- [m] candidate that succeeded; null: not a number
     seated_x REAL, seated_y REAL,  -- [m]
+    slid INTEGER NOT NULL DEFAULT 0,  -- whether the pins dropped in on the way of a slide
     UNIQUE (scope, session, search)
 );
 CREATE INDEX search_by_component ON search (scope, board_type, component, id);
@@ -49,7 +50,9 @@ CREATE TABLE attempt (
     PRIMARY KEY (search_id, number)
 ) WITHOUT ROWID;
 """
-_MIGRATIONS = {1: "ALTER TABLE attempt ADD COLUMN path TEXT"}  # from each older version to the next
+_MIGRATIONS = {  # from each older version to the next
+    1: ("ALTER TABLE attempt ADD COLUMN path TEXT", "ALTER TABLE search ADD COLUMN slid INTEGER NOT NULL DEFAULT 0"),
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,11 +120,12 @@ class PosteriorStore(Closing):
             result.component,
             int(result.ending),
             *map(_null, (result.x, result.y, result.seated_x, result.seated_y)),
+            any(slid_in(attempt) for attempt in attempts),
         )
         with self._transaction() as connection:
             added = connection.execute(
                 "INSERT INTO search (scope, board_type, session, search, board, hole, component, ending,"
-                " x, y, seated_x, seated_y) VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)"
+                " x, y, seated_x, seated_y, slid) VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)"
                 " ON CONFLICT (scope, session, search) DO NOTHING",
                 row,
             )
@@ -139,10 +143,9 @@ class PosteriorStore(Closing):
     def seats(self, board_type: str, component: str, *, scope: str) -> list[Seat]:
         """Every insertion of this component into boards of this type, oldest first."""
         rows = self._read(
-            "SELECT session, board, hole, x, y, seated_x, seated_y, EXISTS (SELECT 1 FROM attempt"
-            " WHERE search_id = id AND attempt.outcome = ? AND path IS NOT NULL) FROM search"
+            "SELECT session, board, hole, x, y, seated_x, seated_y, slid FROM search"
             " WHERE scope = ? AND board_type = ? AND component = ? AND ending = ? ORDER BY id",
-            (int(Outcome.SEATED), scope, board_type, component, int(Ending.INSERTED)),
+            (scope, board_type, component, int(Ending.INSERTED)),
         )
         return [
             Seat(session, board, hole, _number(x), _number(y), _number(seated_x), _number(seated_y), bool(slid))
@@ -240,7 +243,8 @@ class PosteriorStore(Closing):
         connection.execute("BEGIN IMMEDIATE")
         version = connection.execute("PRAGMA user_version").fetchone()[0]  # somebody may have been faster
         for step in range(version, SCHEMA_VERSION):
-            connection.execute(_MIGRATIONS[step])
+            for statement in _MIGRATIONS[step]:
+                connection.execute(statement)
         connection.execute(f"PRAGMA user_version = {SCHEMA_VERSION}")
         connection.execute("COMMIT")
 

@@ -112,13 +112,13 @@ def _found_nothing_lately(goal: SearchGoal) -> bool:
 
     Then the board may be the wrong one, and what was looked for in vain is not worth looking for as thoroughly again.
     """
-    order = [place.hole for place in goal.layout]
+    turn = {place.hole: number for number, place in enumerate(goal.layout)}
     seats = {seat.hole for seat in goal.seats if seat.board == goal.board}
     missed = {miss.hole for miss in goal.misses if miss.board == goal.board} - seats
-    if not missed:  # or none yet: the board before
+    lost = [turn[hole] for hole in missed if hole in turn]
+    if not lost:
         return not seats and _last_board_was_lost(goal)
-    last = max(order.index(hole) for hole in missed if hole in order)
-    return all(order.index(hole) < last for hole in seats if hole in order)
+    return all(turn.get(hole, 0) < max(lost) for hole in seats)
 
 
 def _last_board_was_lost(goal: SearchGoal) -> bool:

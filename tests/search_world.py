@@ -1,15 +1,10 @@
-"""A statistical world without contact physics: where holes are is drawn, an attempt succeeds near enough.
-
-As a program it prints attempts per search: `python tests/search_world.py S 20 meta spiral` (world, seeds, strategies).
-"""
+"""A small world without contact physics or parts: where holes are is drawn, an attempt succeeds near enough."""
 
 from __future__ import annotations
 
 import math
-import sys
-import time
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -27,7 +22,7 @@ from runtime.messages import (
     Wrench,
     header,
 )
-from runtime.plugin import Search, Strategy
+from runtime.plugin import Strategy
 
 ABNORMAL = 7  # number of the hole, from 1, whose parts scatter more
 
@@ -115,18 +110,28 @@ def attempt_at(goal: SearchGoal, number: int, x: float, y: float, outcome: Outco
 def run_search(
     strategy: Strategy, goal: SearchGoal, offset: tuple[float, float], radius: float
 ) -> tuple[list[tuple[float, float]], bool]:
-    """Positions tried for a hole at `offset` [m] in which a part goes within `radius` [m], and whether it went in."""
+    """Positions tried for a hole at `offset` [m] in which a part goes within `radius` [m], and whether it went in.
+
+    Of a slide the positions are its points, and it drops in wherever it passes near enough.
+    """
     tried: list[tuple[float, float]] = []
+    number = 0
     search = strategy.search(goal)
     try:
         proposal = next(search)
         while True:
-            tried.append((proposal.x, proposal.y))
-            if math.dist(tried[-1], offset) < radius:
-                return tried, True
-            if len(tried) >= goal.max_attempts:
+            number += 1
+            way = [(proposal.x, proposal.y), *((point.x, point.y) for point in proposal.path)]
+            for begin, end in pairwise([way[0], *way]):
+                steps = max(1, math.ceil(math.dist(begin, end) / (radius / 8)))
+                for step in range(1, steps + 1):
+                    at = tuple(a + step / steps * (b - a) for a, b in zip(begin, end, strict=True))
+                    if math.dist(at, offset) < radius:
+                        return [*tried, (at[0], at[1])], True
+                tried.append(end)
+            if number >= goal.max_attempts:
                 return tried, False
-            proposal = search.send(attempt_at(goal, len(tried), proposal.x, proposal.y, Outcome.BLOCKED))
+            proposal = search.send(attempt_at(goal, number, proposal.x, proposal.y, Outcome.BLOCKED))
     except StopIteration:
         return tried, False
     finally:
@@ -178,67 +183,3 @@ class Line:
                     self.seats.append(Seat("now", board + 1, name, x, y, float(read[0]), float(read[1])))
                 results.append(Insertion(board, hole, len(tried), seated))
         return results
-
-
-@dataclass
-class Timed:
-    """A strategy whose first proposals are timed."""
-
-    strategy: Strategy
-    first_plans: list[float] = field(default_factory=list)  # [s]
-
-    def search(self, goal: SearchGoal) -> Search:
-        started = time.perf_counter()
-        search = self.strategy.search(goal)
-        proposal = next(search)
-        self.first_plans.append(time.perf_counter() - started)
-        while True:
-            attempt = yield proposal
-            try:
-                proposal = search.send(attempt)
-            except StopIteration:
-                return
-
-
-def summary(name: str, strategy: Strategy, world: World, seeds: int) -> str:
-    """One line of figures: attempts per search with standard error over seeds, later boards, the abnormal hole."""
-    timed = Timed(strategy)
-    runs = [Line(world, seed).run(timed) for seed in range(seeds)]
-    attempts = np.array([[insertion.attempts for insertion in run] for run in runs], dtype=float)
-    cube = attempts.reshape(seeds, world.boards, world.holes)
-    failed = 1 - np.mean([insertion.seated for run in runs for insertion in run])
-    found = np.mean([insertion.attempts for run in runs for insertion in run if insertion.seated])
-    plan = 1e3 * np.array(timed.first_plans)
-    error = cube.mean(axis=(1, 2)).std(ddof=1) / math.sqrt(seeds) if seeds > 1 else math.nan
-    return (
-        f"{name:28s} {cube.mean():6.2f} +- {error:4.2f} (found {found:5.2f})  first board {cube[:, 0].mean():6.2f}"
-        f"  boards 6-10 {cube[:, 5:].mean():6.2f}  hole 7 {cube[:, :, ABNORMAL - 1].mean():6.2f}"
-        f"  not inserted {100 * failed:5.2f} %  first proposal {plan.mean():5.1f} ms, worst {plan.max():5.1f}"
-    )
-
-
-def main(arguments: list[str]) -> None:
-    from strategies.hybrid import Hybrid
-    from strategies.linear import Linear
-    from strategies.meta import Meta
-    from strategies.spiral import Spiral
-
-    world, seeds = WORLDS[arguments[0]], int(arguments[1])
-    choices: dict[str, Callable[[], Strategy]] = {}
-    for cls in (Linear, Spiral, Hybrid, Meta):
-        for variant in ("corrected", "literal"):
-            choices[f"{cls.__name__.lower()}-{variant}"] = lambda c=cls, v=variant: c(variant=v)
-        for start in ("hole", "pooled", "nominal", "posterior"):
-            choices[f"{cls.__name__.lower()}-{start}"] = lambda c=cls, s=start: c(start=s)
-    choices["meta-mle"] = lambda: Meta(update="mle")
-    choices["hybrid-algorithm"] = lambda: Hybrid(description="algorithm")
-    choices["hybrid-equations"] = lambda: Hybrid(description="equations")
-    for name in arguments[2:] or choices:
-        for choice, make in choices.items():
-            if choice == name or choice.startswith(f"{name}-"):
-                sys.stdout.write(summary(choice, make(), world, seeds) + "\n")
-                sys.stdout.flush()
-
-
-if __name__ == "__main__":
-    main(sys.argv[1:])

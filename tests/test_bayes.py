@@ -194,10 +194,10 @@ def test_a_slide_covers_its_ground_without_going_back() -> None:
     slide = proposals(BayesSlide(), goal_of("capacitor"), 1)[0]
     way = np.array([(slide.x, slide.y), *((point.x, point.y) for point in slide.path)])
     steps = np.hypot(*np.diff(way, axis=0).T)
-    assert 10 * MM < steps.sum() <= 15 * MM
+    assert 12 * MM < steps.sum() <= 20 * MM
     apart = np.linalg.norm(way[:, None] - way, axis=2) + np.eye(len(way))
     assert apart.min() > 0.2 * MM
-    assert np.hypot(*way.T).max() < 1.5 * MM  # inside out
+    assert np.hypot(*way.T).max() < 1.8 * MM  # inside out
 
 
 def test_pecks_where_slides_do_not_pay() -> None:

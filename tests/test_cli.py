@@ -20,7 +20,7 @@ from runtime.follower import Session
 from runtime.recorder import SUMMARY, LogWriter
 
 HEAVY = ["mujoco", "pinocchio", "rerun", "zenoh", "numpy", "scipy", "pydantic", "rich", "rosbags", "mcap"]
-COMMANDS = ["launch", "replay", "view", "plugins", "picture", "bench"]
+COMMANDS = ["launch", "replay", "view", "plugins", "picture", "bench", "robot", "experiment"]
 
 
 @pytest.fixture

@@ -236,20 +236,21 @@ def test_lambda_is_over_the_square_of_its_unit() -> None:
 
 
 def test_a_sweet_spot_is_an_inner_lambda_better_than_both_ends() -> None:
-    def cells(*times: float, error: float = 1.0) -> list[table3.Cell]:
-        return [table3.Cell(Estimate(time, error), Estimate(1.0, 0.0)) for time in times]
+    def cells(*times: float, scatter: float = 1.0) -> list[table3.Cell]:
+        signs = [(1, -1, 0), (-1, 1, 0), (0, 1, -1), (1, 0, -1), (-1, 0, 1)]
+        seconds = [tuple(time + sign * scatter for sign in three) for time, three in zip(times, signs, strict=True)]
+        return [table3.Cell(one, Estimate(1.0, 0.0)) for one in seconds]
 
     assert table3.sweet_spot(cells(60.0, 50.0, 40.0, 70.0, 80.0))
     assert not table3.sweet_spot(cells(60.0, 61.0, 60.0, 70.0, 80.0))
     assert not table3.sweet_spot(cells(60.0, 50.0, 40.0, 41.0, 40.5))
-    assert not table3.sweet_spot(cells(60.0, 50.0, 40.0, 70.0, 80.0, error=20.0))
+    assert not table3.sweet_spot(cells(60.0, 50.0, 40.0, 70.0, 80.0, scatter=40.0))
 
 
-def test_table_3_reports_every_reading(folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    lines = (table3.Line(table3.EQ_45, 30e-6, "stable"), table3.Line(table3.PAIRS, 30e-6, "stable"))
-    monkeypatch.setattr(table3, "LINES", lines)
+def test_table_3_reports_every_reading(folder: Path, tmp_path: Path) -> None:
+    lines = [table3.Line(rule, 30e-6, "stable") for rule in table3.RULES]
     one = Choices(seeds=1, boards=1, physics=False, worlds=("paper-igbt",))
-    lambdas = study("table3")
+    lambdas = table3.Lambda(lines)
     findings = lambdas.findings(one, sweep(lambdas.work(one), Cache(folder), jobs=1))
     assert [row[1] for row in findings.tables[0].rows] == ["the paper", *(line.rule.name for line in lines)]
     assert findings.tables[0].rows[0][4:] == (72.5, 56.9, 42.5, 85.2, 89.4)

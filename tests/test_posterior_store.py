@@ -85,9 +85,13 @@ def test_slides_and_misses_are_kept(path: Path) -> None:
         slide = replace(peck, number=2, path=slid)
         lost = found(1, ending=Ending.EXHAUSTED)
         store.record("driver", replace(lost, attempts=2), "monday", [peck, slide], scope=REAL)
-        store.record("driver", found(2), "monday", tries(2), scope=REAL)
+        touched = replace(tries(2)[-1], path=[Waypoint(tries(2)[-1].x, tries(2)[-1].y), *slid])
+        store.record("driver", found(2), "monday", [*tries(2)[:-1], touched], scope=REAL)
+        caught = replace(tries(3)[-1], path=slid)
+        store.record("driver", found(3), "monday", [*tries(3)[:-1], caught], scope=REAL)
     with PosteriorStore(path) as store:
-        assert store.misses("driver", "igbt", scope=REAL) == [
+        assert [seat.slid for seat in store.seats("driver", "igbt", scope=REAL)] == [False, True]
+        assert store.misses("driver", "igbt", scope=REAL)[:2] == [
             Miss(1, "h1", [Waypoint(peck.x, peck.y)]),
             Miss(1, "h1", slid),
         ]
@@ -102,11 +106,12 @@ def test_a_file_of_the_first_format_is_brought_up_to_date(path: Path) -> None:
     fill(path, 3)
     with sqlite3.connect(path) as connection:
         connection.execute("ALTER TABLE attempt DROP COLUMN path")
+        connection.execute("ALTER TABLE search DROP COLUMN slid")
         connection.execute("PRAGMA user_version = 1")
     connection.close()
     with PosteriorStore(path) as store:
-        assert len(store.seats("driver", "igbt", scope=REAL)) == 3
-        assert store.misses("driver", "igbt", scope=REAL) == []
+        assert [seat.slid for seat in store.seats("driver", "igbt", scope=REAL)] == [False] * 3
+        assert [len(miss.path) for miss in store.misses("driver", "igbt", scope=REAL)] == [1] * 3
     with sqlite3.connect(path) as connection:
         assert connection.execute("PRAGMA user_version").fetchone()[0] == 2
     connection.close()

@@ -4,9 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import re
+import sys
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from importlib.metadata import entry_points
+from pathlib import Path
+from types import ModuleType
 
 import numpy as np
 import pytest
@@ -17,7 +21,7 @@ from search_world import WORLDS, Line, World, attempt_at, goal_for, run_search
 
 from runtime.belief import disc_mass, gaussian, isotropic
 from runtime.errors import InputError
-from runtime.messages import Gaussian, Outcome, Proposal, SearchGoal, Seat
+from runtime.messages import Gaussian, Miss, Outcome, Place, Proposal, SearchGoal, Seat, Waypoint
 from runtime.plugin import Search, Strategy
 from strategies.covers import Force, plan_covers, sweep
 from strategies.hybrid import Hybrid
@@ -54,7 +58,19 @@ def installed() -> dict[str, type]:
     return found or PAPERS
 
 
-ALL: dict[str, Callable[[], Strategy]] = {**installed(), "shaken": Shaken}
+def readme() -> type:
+    """The strategy that the README shows."""
+    text = (Path(__file__).parent.parent / "README.md").read_text(encoding="utf-8")
+    shown = re.search(r"```python\n(# my_package/rings\.py\n.*?)```", text, re.DOTALL)
+    assert shown is not None
+    module = ModuleType("rings")
+    sys.modules["rings"] = module
+    exec(shown[1], module.__dict__)
+    rings: type = module.__dict__["Rings"]
+    return rings
+
+
+ALL: dict[str, Callable[[], Strategy]] = {**installed(), "shaken": Shaken, "readme": readme()}
 VARIANTS: dict[str, Callable[[], Strategy]] = {
     "linear-literal": lambda: Linear(variant="literal", start="pooled"),
     "spiral-literal": lambda: Spiral(variant="literal", start="posterior"),
@@ -116,6 +132,17 @@ goals = st.builds(
         st.builds(lambda x, y, w: isotropic((x, y), w * MM), offsets, offsets, st.floats(0.05, 0.8)),
     ),
     seats=st.lists(st.builds(seat, st.sampled_from(["h1", "h2"]), offsets, offsets, st.integers(1, 4)), max_size=6),
+    component=st.sampled_from(["igbt", "capacitor", "unheard of"]),
+    misses=st.lists(
+        st.builds(
+            lambda board, hole, points: Miss(board, hole, [Waypoint(x, y) for x, y in points]),
+            st.integers(1, 5),
+            st.sampled_from(["h1", "h2", "h3"]),
+            st.lists(st.tuples(offsets, offsets), min_size=1, max_size=3),
+        ),
+        max_size=4,
+    ),
+    layout=st.sampled_from([[], [Place("h1", 0.3, 0.0), Place("h2", 0.33, 0.0), Place("h3", 0.3, 0.03)]]),
 )
 
 
@@ -188,7 +215,8 @@ def test_is_pure_finite_and_within_bounds(make: Callable[[], Strategy], goal: Se
     if max(learnt) > bound:  # only what was learnt outside may lead outside
         bound = max(learnt) + 2 * goal.feasible_radius
     for proposal in first:
-        assert math.hypot(proposal.x, proposal.y) <= bound + TOLERANCE
+        for point in (proposal, *proposal.path):
+            assert math.hypot(point.x, point.y) <= bound + TOLERANCE
         assert math.isnan(proposal.probability) or 0 <= proposal.probability <= 1
 
 

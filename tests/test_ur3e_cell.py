@@ -17,11 +17,11 @@ from drivers.ur3e.simulated_arm import SimulatedArm
 from drivers.ur3e.simulated_cell import SimulatedCell
 from drivers.ur3e.skill import Felt, InsertionSkill, SkillSettings
 from drivers.ur3e.workcell import Workcell
-from runtime.world import World
 from runtime.cell import Board, Hole, Tolerances
 from runtime.component import component
 from runtime.errors import InputError
 from runtime.messages import Outcome
+from runtime.world import World
 
 IGBT, CAPACITOR = component("igbt"), component("capacitor")
 NONE = Tolerances(0.0, 0.0, 0.0, 0.0, 0.0, 0)

@@ -2,6 +2,7 @@
 
 import logging
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -20,9 +21,9 @@ EXACT = Tolerances(0.0, 0.0, 0.0, 0.0, 0.0, 0)
 class Bench:
     """One part held over one hole that is exactly where the drawing has it."""
 
-    def __init__(self, part: Component) -> None:
+    def __init__(self, part: Component, wider: float = 0.0) -> None:
         self.part = part
-        cell = SimulatedCell(BOARD, part, EXACT, noise=None)
+        cell = SimulatedCell(BOARD, part, replace(EXACT, hole_radius_error=wider), noise=None)
         self.skill = InsertionSkill(cell.arm, cell.scene.workcell, BOARD, part)
         cell.begin_search(1, 1, HOLE.name)
         self.skill.pick()
@@ -54,6 +55,17 @@ def test_pins_stop_going_in_where_the_geometry_says(name: str) -> None:
     errors = [1e6 * (bench.boundary(direction) - clearance(part, direction)) for direction in directions]
     logging.info("%s: boundary minus clearance, um: %s", name, np.round(errors, 1).tolist())
     assert max(map(abs, errors)) < 15, errors
+
+
+@pytest.mark.parametrize("name", ["igbt", "capacitor"])
+@pytest.mark.parametrize("wider", [-0.05e-3, 0.08e-3])
+def test_holes_may_be_tighter_and_wider_than_drawn(name: str, wider: float) -> None:
+    part = component(name)
+    bench = Bench(part, wider)
+    for direction in (0.0, math.pi / 2, 0.8):
+        exact = clearance(part, direction, wider=wider)
+        assert bench.goes_in(direction, exact - 20e-6)
+        assert not bench.goes_in(direction, exact + 20e-6)
 
 
 @pytest.mark.parametrize("name", ["igbt", "capacitor"])

@@ -184,9 +184,9 @@ def _harder(abnormal: Mapping[str, Curve], others: Mapping[str, Curve]) -> str:
         words["longer" if by.value > 2 * by.error else "no longer"].append(f"{name} by {by} s")
     told = "; ".join(f"{how} for {listed(names)}" for how, names in words.items() if names)
     return (
-        f"Hole {ABNORMAL_HOLE} takes {told}. A pattern with gaps misses some holes on every board, and parts that scatter "
-        "come within it at times; only where nearly all is found does scatter cost attempts. The paper says that the hole "
-        "is abnormal, not that it takes longer."
+        f"Hole {ABNORMAL_HOLE} takes {told}. A pattern with gaps misses some holes on every board, and parts that "
+        "scatter come within it at times; only where nearly all is found does scatter cost attempts. The paper says "
+        "that the hole is abnormal, not that it takes longer."
     )
 
 

@@ -14,20 +14,26 @@ places bettered it by up to 1.2 % (at a width of 0.85). How far the true optimum
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import product
+from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import eigh_tridiagonal
 from scipy.optimize import minimize
 from scipy.signal import fftconvolve
 
 Array = NDArray[np.float64]
+Sizes = Mapping[float, float]  # factors of the area's radius, and their probabilities, which add up to 1
+
+ONE_SIZE: Sizes = MappingProxyType({1.0: 1.0})
 
 _CUT = 4.95  # widths from its mean at which a normal density is cut off: 5e-6 of it lies beyond
 _LEFT = 3e-5  # of the mass: what greedy and lattice may leave
+_SOUGHT = 3  # sizes while a cover is sought; it is judged on all
 _POLISH_LIMIT = 60  # places: longer sequences are left as they are, for the time that it takes
 _SPACINGS = (1.55, 1.65, 1.73)  # of a triangular lattice of discs; sqrt 3 is the widest that leaves no gap
 _SQUEEZED = (
@@ -46,6 +52,35 @@ def bound(width: float) -> float:
     return -1.0 / math.expm1(-0.5 / width**2)
 
 
+def reduced(sizes: Sizes, count: int) -> dict[float, float]:
+    """At most `count` sizes whose distribution has the same first 2 count - 1 moments: Gauss's nodes and weights.
+
+    From the recurrence of the polynomials orthogonal under the distribution (Golub and Welsch, Math. Comp. 23, 1969).
+    """
+    if len(sizes) <= count:
+        return dict(sizes)
+    size, share = np.array(list(sizes)), np.array(list(sizes.values()))
+    basis = np.zeros((count + 1, len(size)))  # of vectors orthonormal in the shares; one of zeros in front
+    diagonal, beside = np.zeros(count), np.zeros(count)
+    vector = np.sqrt(share / share.sum())
+    for k in range(count):
+        basis[k + 1] = vector
+        diagonal[k] = vector @ (size * vector)
+        rest = size * vector
+        for _ in range(2):  # once more, against rounding
+            rest -= basis.T @ (basis @ rest)
+        beside[k] = np.linalg.norm(rest)
+        vector = rest / beside[k]
+    nodes, vectors = eigh_tridiagonal(diagonal, beside[:-1])
+    return {float(node): float(first**2) for node, first in zip(nodes, vectors[0], strict=True)}
+
+
+def _columns(sizes: Sizes) -> tuple[Array, Array]:
+    """Sizes and their probabilities, (sizes, 1, 1) each."""
+    found = np.array(list(sizes.items()))
+    return found[:, :1, None], found[:, 1:, None]
+
+
 @dataclass(frozen=True, eq=False)
 class Shape:
     """A feasible area by its rim."""
@@ -62,14 +97,15 @@ class Shape:
         slope = (np.roll(self.rim, -1) - np.roll(self.rim, 1)) * len(self.rim) / (4 * math.pi)
         return np.append(self.rim, self.rim[0]), np.append(slope, slope[0])
 
-    def depth(self, x: Array, y: Array) -> Array:
-        """How far points relative to the centre lie inside the rim, along the ray from the centre."""
-        return np.asarray(np.interp(self._turns(x, y), np.arange(len(self.rim) + 1), self._closed[0]) - np.hypot(x, y))
+    def depth(self, x: Array, y: Array, size: float | Array = 1.0) -> Array:
+        """How far points relative to the centre lie inside the rim of the area times `size`, along the ray there."""
+        rim = np.interp(self._turns(x, y), np.arange(len(self.rim) + 1), self._closed[0])
+        return np.asarray(size * rim - np.hypot(x, y))
 
-    def slope(self, x: Array, y: Array) -> tuple[Array, Array]:
+    def slope(self, x: Array, y: Array, size: float = 1.0) -> tuple[Array, Array]:
         """Derivatives of `depth` with respect to x and y."""
         r = np.maximum(np.hypot(x, y), 1e-12)
-        across = np.interp(self._turns(x, y), np.arange(len(self.rim) + 1), self._closed[1]) / r
+        across = size * np.interp(self._turns(x, y), np.arange(len(self.rim) + 1), self._closed[1]) / r
         cosine, sine = x / r, y / r
         return -cosine - across * sine, -sine + across * cosine
 
@@ -136,16 +172,19 @@ def _axis(half: float, spacing: float) -> Array:
 
 @dataclass
 class Cover:
-    """Places laid one after another over a density."""
+    """Places laid one after another over a density, for an area that has one of several sizes."""
 
     shape: Shape
     density: Density
+    sizes: Sizes = field(default_factory=lambda: ONE_SIZE)
     places: list[tuple[float, float]] = field(default_factory=list)
     attempts: float = 0.0  # sum over n so far of the mass that n places left
 
     def __post_init__(self) -> None:
-        self._left = self.density.mass.copy()
-        self.left = 1.0  # mass that is not covered
+        self._factors, shares = _columns(self.sizes)
+        self._left = shares * self.density.mass  # (sizes, n, m)
+        self._reach = self.shape.reach * float(self._factors.max())
+        self.left = 1.0  # mass that is not covered, over all sizes
 
     @property
     def expected(self) -> float:
@@ -154,27 +193,34 @@ class Cover:
 
     def lay(self, x: float, y: float) -> None:
         """The next place."""
-        where, inside = self._patch(x, y)
+        rows, columns, inside = self._patch(x, y)
         self.attempts += self.left
-        taken = self._left[where] * inside
-        self._left[where] -= taken
+        taken = self._left[:, rows, columns] * inside
+        self._left[:, rows, columns] -= taken
         self.left -= float(taken.sum())
         self.places.append((x, y))
+
+    def alone(self, x: float, y: float) -> float:
+        """Mass that a place would cover as the first one."""
+        rows, columns, inside = self._patch(x, y)
+        shares = _columns(self.sizes)[1]
+        return float((shares * self.density.mass[rows, columns] * inside).sum())
 
     def finish(self) -> Cover:
         """Lay where the most mass is left, over and over, until next to nothing is."""
         d, h = self.density, self.density.spacing
-        reach = math.ceil(self.shape.reach / h) + 1
+        reach = math.ceil(self._reach / h) + 1
         axis = np.asarray(h * np.arange(-reach, reach + 1))
-        kernel = self._inside(axis[:, None], axis[None, :])
-        flipped = kernel[::-1, ::-1]
+        flipped = self._inside(axis[:, None], axis[None, :])[:, ::-1, ::-1]
         size = 2 * reach + 1
-        gain: Array = np.asarray(fftconvolve(np.pad(self._left, reach), flipped, mode="valid"))
+        gain = np.zeros(d.mass.shape)
+        for left, kernel in zip(self._left, flipped, strict=True):
+            gain += fftconvolve(np.pad(left, reach), kernel, mode="valid")
         while self.left > _LEFT:
             i, j = divmod(int(gain.argmax()), gain.shape[1])
             before = self._window(i, j, reach)
             self.lay(float(d.x[i]), float(d.y[j]))
-            lost = fftconvolve(before - self._window(i, j, reach), flipped)
+            lost = fftconvolve(before - self._window(i, j, reach), flipped, axes=(1, 2)).sum(axis=0)
             rows, columns = (
                 slice(max(0, k - 2 * reach), min(n, k + 2 * reach + 1)) for k, n in zip((i, j), gain.shape, strict=True)
             )
@@ -186,71 +232,63 @@ class Cover:
         return self
 
     def _window(self, i: int, j: int, reach: int) -> Array:
-        """What is left about a point of the grid, (2 reach + 1, 2 reach + 1), zero beyond its edge."""
+        """What is left about a point of the grid, (sizes, 2 reach + 1, 2 reach + 1), zero beyond its edge."""
         size = 2 * reach + 1
-        window = np.zeros((size, size))
-        n, m = self._left.shape
+        count, n, m = self._left.shape
+        window = np.zeros((count, size, size))
         rows, columns = slice(max(0, i - reach), min(n, i + reach + 1)), slice(max(0, j - reach), min(m, j + reach + 1))
-        window[rows.start - i + reach : rows.stop - i + reach, columns.start - j + reach : columns.stop - j + reach] = (
-            self._left[rows, columns]
-        )
+        window[
+            :, rows.start - i + reach : rows.stop - i + reach, columns.start - j + reach : columns.stop - j + reach
+        ] = self._left[:, rows, columns]
         return window
 
-    def _patch(self, x: float, y: float) -> tuple[tuple[slice, slice], Array]:
-        d, reach = self.density, self.shape.reach + self.density.spacing
+    def _patch(self, x: float, y: float) -> tuple[slice, slice, Array]:
+        d, reach = self.density, self._reach + self.density.spacing
         rows = slice(*np.searchsorted(d.x, (x - reach, x + reach)))
         columns = slice(*np.searchsorted(d.y, (y - reach, y + reach)))
-        return (rows, columns), self._inside(d.x[rows, None] - x, d.y[None, columns] - y)
+        return rows, columns, self._inside(d.x[rows, None] - x, d.y[None, columns] - y)
 
     def _inside(self, x: Array, y: Array) -> Array:
-        """Share of each cell of the grid within the area."""
-        return np.asarray(np.clip(self.shape.depth(x, y) / self.density.spacing + 0.5, 0.0, 1.0))
+        """Share of each cell of the grid within the area, for each size."""
+        return np.asarray(np.clip(self.shape.depth(x, y, self._factors) / self.density.spacing + 0.5, 0.0, 1.0))
 
 
-def fewest(shape: Shape, density: Density) -> Cover:
-    """The best cover found."""
-    coarse = density.thinned()
-    covers = [Cover(shape, coarse).finish()]
-    covers += [_lattice(shape, coarse, *lattice) for lattice in product(_SPACINGS, _SQUEEZED, range(3))]
+def fewest(shape: Shape, density: Density, sizes: Sizes = ONE_SIZE) -> Cover:
+    """The best cover found for an area whose size is drawn from `sizes` and not known."""
+    few, coarse = reduced(sizes, _SOUGHT), density.thinned()
+    covers = [Cover(shape, coarse, few).finish()]
+    spacings = sorted({round(spacing * size, 2) for spacing, size in product(_SPACINGS, few)})
+    covers += [_lattice(shape, coarse, few, *lattice) for lattice in product(spacings, _SQUEEZED, range(3))]
     covers.sort(key=lambda cover: cover.expected)
     starts = [cover for cover in covers[:2] if len(cover.places) <= _POLISH_LIMIT]
     best = [cover.places for cover in covers[:2] + [_polished(cover) for cover in starts]]
-    return min((_laid(shape, density, places) for places in best), key=lambda cover: cover.expected)
+    return min((_laid(shape, density, sizes, places) for places in best), key=lambda cover: cover.expected)
 
 
-def _laid(shape: Shape, density: Density, places: Iterable[tuple[float, float]]) -> Cover:
+def _laid(shape: Shape, density: Density, sizes: Sizes, places: Iterable[tuple[float, float]]) -> Cover:
     """Places given, and then what is still left."""
-    cover = Cover(shape, density)
+    cover = Cover(shape, density, sizes)
     for x, y in places:
         cover.lay(x, y)
     return cover.finish()
 
 
-def _lattice(shape: Shape, density: Density, spacing: float, squeezed: float, origin: int) -> Cover:
+def _lattice(shape: Shape, density: Density, sizes: Sizes, spacing: float, squeezed: float, origin: int) -> Cover:
     """Places of a lattice in order of their mass, then what it left out. `origin`: at a place, between two or three."""
     along, rows = spacing / math.sqrt(squeezed), spacing * math.sqrt(0.75 * squeezed)
     start_x, start_y = ((0.0, 0.0), (along / 2, 0.0), (along / 2, rows / 3))[origin]
-    cover = Cover(shape, density)
+    cover = Cover(shape, density, sizes)
     n, m = math.ceil(density.x[-1] / along) + 1, math.ceil(density.y[-1] / rows) + 1
     index = np.array(list(product(range(-n, n + 1), range(-m, m + 1))))
     x = start_x + along * (index[:, 0] + 0.5 * (index[:, 1] % 2))
     y = start_y + rows * index[:, 1]
-    masses = _masses(cover, x, y)
+    within = (np.abs(x) < density.x[-1]) & (np.abs(y) < density.y[-1])
+    masses = np.array([cover.alone(float(a), float(b)) for a, b in zip(x[within], y[within], strict=True)])
     for k in np.argsort(-masses, kind="stable"):
         if masses[k] < _LEFT / 100 or cover.left <= _LEFT:
             break
-        cover.lay(float(x[k]), float(y[k]))
+        cover.lay(float(x[within][k]), float(y[within][k]))
     return cover.finish()
-
-
-def _masses(cover: Cover, x: Array, y: Array) -> Array:
-    """Mass that each place would cover alone, (n,)."""
-    d, found = cover.density, np.zeros(len(x))
-    for k, (a, b) in enumerate(zip(x, y, strict=True)):
-        if d.x[0] < a < d.x[-1] and d.y[0] < b < d.y[-1]:
-            where, inside = cover._patch(float(a), float(b))
-            found[k] = float((d.mass[where] * inside).sum())
-    return found
 
 
 def _polished(cover: Cover) -> Cover:
@@ -262,22 +300,27 @@ def _polished(cover: Cover) -> Cover:
     x, y, mass = coarse.x[np.nonzero(seen)[0]], coarse.y[np.nonzero(seen)[1]], coarse.mass[seen]
 
     def cost(flat: Array) -> tuple[float, Array]:
-        return _attempts_and_slope(cover.shape, flat.reshape(-1, 2), x, y, mass, coarse.spacing)
+        places, attempts, slope = flat.reshape(-1, 2), 0.0, np.zeros(len(flat))
+        for size, share in cover.sizes.items():
+            taken, steeper = _attempts_and_slope(cover.shape, size, places, x, y, mass, coarse.spacing)
+            attempts, slope = attempts + share * taken, slope + share * steeper
+        return attempts, slope
 
     found = minimize(cost, np.array(cover.places).ravel(), jac=True, method="L-BFGS-B", options={"maxiter": 40})
-    return _laid(cover.shape, cover.density, [(float(a), float(b)) for a, b in found.x.reshape(-1, 2)])
+    places = [(float(a), float(b)) for a, b in found.x.reshape(-1, 2)]
+    return _laid(cover.shape, cover.density, cover.sizes, places)
 
 
 def _attempts_and_slope(
-    shape: Shape, places: Array, x: Array, y: Array, mass: Array, spacing: float
+    shape: Shape, size: float, places: Array, x: Array, y: Array, mass: Array, spacing: float
 ) -> tuple[float, Array]:
-    """E[N] of places (n, 2) over masses at points, and its derivative (2 n,)."""
+    """E[N] of places (n, 2) over masses at points for one size of the area, and its derivative (2 n,)."""
     n = len(places)
     dx, dy = x - places[:, :1], y - places[:, 1:]  # (n, points)
-    reach = shape.reach + spacing
+    reach = shape.reach * size + spacing
     place, point = np.nonzero((np.abs(dx) < reach) & (np.abs(dy) < reach))
     dx, dy = dx[place, point], dy[place, point]
-    depth = shape.depth(dx, dy) / spacing + 0.5
+    depth = shape.depth(dx, dy, size) / spacing + 0.5
     outside = np.ones((n, len(mass)))
     outside[place, point] -= np.clip(depth, 0.0, 1.0)
     missed = np.cumprod(np.vstack([np.ones_like(mass), outside]), axis=0)  # by the first 0 ... n places
@@ -288,6 +331,6 @@ def _attempts_and_slope(
     rims = (depth > 0) & (depth < 1)  # nothing else depends on the places
     place, point = place[rims], point[rims]
     worth = mass[point] * (missed[:-1] * later)[place, point] / spacing
-    slopes = shape.slope(dx[rims], dy[rims])
+    slopes = shape.slope(dx[rims], dy[rims], size)
     slope = np.stack([np.bincount(place, weights=worth * along, minlength=n) for along in slopes], axis=1)
     return float((missed[:-1] @ mass).sum() + n * missed[-1] @ mass), np.asarray(slope.ravel(), dtype=float)
