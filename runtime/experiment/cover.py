@@ -17,12 +17,14 @@ import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from itertools import product
+from heapq import heappop, heappush
+from itertools import chain, product
 from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import eigh_tridiagonal
+from scipy.ndimage import map_coordinates
 from scipy.optimize import minimize
 from scipy.signal import fftconvolve
 
@@ -34,13 +36,11 @@ ONE_SIZE: Sizes = MappingProxyType({1.0: 1.0})
 _CUT = 4.95  # widths from its mean at which a normal density is cut off: 5e-6 of it lies beyond
 _LEFT = 3e-5  # of the mass: what greedy and lattice may leave
 _SOUGHT = 3  # sizes while a cover is sought; it is judged on all
-_POLISH_LIMIT = 60  # places: longer sequences are left as they are, for the time that it takes
-_SPACINGS = (1.55, 1.65, 1.73)  # of a triangular lattice of discs; sqrt 3 is the widest that leaves no gap
-_SQUEEZED = (
-    0.88,
-    1.0,
-    1.14,
-)  # ratio of its rows' spacing to that of a triangular lattice, for shapes that are no discs
+_POLISHED = 70  # places: sequences that leave more than a few are left as they are, for the time that it takes
+_FEW = 1e-3  # of the mass: what the places that are polished may leave
+_SPACINGS = (1.45, 1.55, 1.65, 1.73)  # of a triangular lattice of discs; sqrt 3 is the widest that leaves no gap
+# Ratio of its rows' spacing to that of a triangular lattice, for shapes that are no discs.
+_SQUEEZED = (0.88, 1.0, 1.14)
 
 
 def bound(width: float) -> float:
@@ -200,22 +200,24 @@ class Cover:
         self.left -= float(taken.sum())
         self.places.append((x, y))
 
-    def alone(self, x: float, y: float) -> float:
-        """Mass that a place would cover as the first one."""
+    def takes(self, x: float, y: float) -> float:
+        """Mass that the next place would cover."""
         rows, columns, inside = self._patch(x, y)
-        shares = _columns(self.sizes)[1]
-        return float((shares * self.density.mass[rows, columns] * inside).sum())
+        return float((self._left[:, rows, columns] * inside).sum())
+
+    def gain(self) -> Array:
+        """The same at each point of the grid, (n, m)."""
+        reach, flipped = self._kernels()
+        gain = np.zeros(self.density.mass.shape)
+        for left, kernel in zip(self._left, flipped, strict=True):
+            gain += fftconvolve(np.pad(left, reach), kernel, mode="valid")
+        return gain
 
     def finish(self) -> Cover:
         """Lay where the most mass is left, over and over, until next to nothing is."""
-        d, h = self.density, self.density.spacing
-        reach = math.ceil(self._reach / h) + 1
-        axis = np.asarray(h * np.arange(-reach, reach + 1))
-        flipped = self._inside(axis[:, None], axis[None, :])[:, ::-1, ::-1]
+        d, gain = self.density, self.gain()
+        reach, flipped = self._kernels()
         size = 2 * reach + 1
-        gain = np.zeros(d.mass.shape)
-        for left, kernel in zip(self._left, flipped, strict=True):
-            gain += fftconvolve(np.pad(left, reach), kernel, mode="valid")
         while self.left > _LEFT:
             i, j = divmod(int(gain.argmax()), gain.shape[1])
             before = self._window(i, j, reach)
@@ -230,6 +232,13 @@ class Cover:
             ]
             gain[i, j] = min(gain[i, j], 0.0)
         return self
+
+    def _kernels(self) -> tuple[int, Array]:
+        """The areas on the grid, upside down, (sizes, 2 reach + 1, 2 reach + 1), and their reach in cells."""
+        h = self.density.spacing
+        reach = math.ceil(self._reach / h) + 1
+        axis = np.asarray(h * np.arange(-reach, reach + 1))
+        return reach, self._inside(axis[:, None], axis[None, :])[:, ::-1, ::-1]
 
     def _window(self, i: int, j: int, reach: int) -> Array:
         """What is left about a point of the grid, (sizes, 2 reach + 1, 2 reach + 1), zero beyond its edge."""
@@ -255,44 +264,94 @@ class Cover:
 
 def fewest(shape: Shape, density: Density, sizes: Sizes = ONE_SIZE) -> Cover:
     """The best cover found for an area whose size is drawn from `sizes` and not known."""
-    few, coarse = reduced(sizes, _SOUGHT), density.thinned()
-    covers = [Cover(shape, coarse, few).finish()]
-    spacings = sorted({round(spacing * size, 2) for spacing, size in product(_SPACINGS, few)})
-    covers += [_lattice(shape, coarse, few, *lattice) for lattice in product(spacings, _SQUEEZED, range(3))]
+    empty = Cover(shape, density.thinned(), reduced(sizes, _SOUGHT))
+    gain, middle = empty.gain(), sum(size * share for size, share in sizes.items())
+    covers = [_more(empty, ()).finish()]
+    for spacing, squeezed, origin in product(_SPACINGS, _SQUEEZED, range(3)):
+        lattice = _Lattice.over(empty.density, gain, spacing * middle, squeezed, origin)
+        covers.append(lattice.laid(_more(empty, ())).finish())
     covers.sort(key=lambda cover: cover.expected)
-    starts = [cover for cover in covers[:2] if len(cover.places) <= _POLISH_LIMIT]
-    best = [cover.places for cover in covers[:2] + [_polished(cover) for cover in starts]]
-    return min((_laid(shape, density, sizes, places) for places in best), key=lambda cover: cover.expected)
+    best = [cover.places for cover in covers[:2] + [_polished(cover) for cover in covers[:2]]]
+    empty = Cover(shape, density, sizes)
+    return min((_more(empty, places).finish() for places in best), key=lambda cover: cover.expected)
 
 
-def _laid(shape: Shape, density: Density, sizes: Sizes, places: Iterable[tuple[float, float]]) -> Cover:
-    """Places given, and then what is still left."""
-    cover = Cover(shape, density, sizes)
-    for x, y in places:
-        cover.lay(x, y)
-    return cover.finish()
+def _more(cover: Cover, places: Iterable[tuple[float, float]]) -> Cover:
+    """A copy with these places laid after its own."""
+    copy = Cover(cover.shape, cover.density, cover.sizes)
+    for x, y in chain(cover.places, places):
+        copy.lay(x, y)
+    return copy
 
 
-def _lattice(shape: Shape, density: Density, sizes: Sizes, spacing: float, squeezed: float, origin: int) -> Cover:
-    """Places of a lattice in order of their mass, then what it left out. `origin`: at a place, between two or three."""
-    along, rows = spacing / math.sqrt(squeezed), spacing * math.sqrt(0.75 * squeezed)
-    start_x, start_y = ((0.0, 0.0), (along / 2, 0.0), (along / 2, rows / 3))[origin]
-    cover = Cover(shape, density, sizes)
-    n, m = math.ceil(density.x[-1] / along) + 1, math.ceil(density.y[-1] / rows) + 1
-    index = np.array(list(product(range(-n, n + 1), range(-m, m + 1))))
-    x = start_x + along * (index[:, 0] + 0.5 * (index[:, 1] % 2))
-    y = start_y + rows * index[:, 1]
-    within = (np.abs(x) < density.x[-1]) & (np.abs(y) < density.y[-1])
-    masses = np.array([cover.alone(float(a), float(b)) for a, b in zip(x[within], y[within], strict=True)])
-    for k in np.argsort(-masses, kind="stable"):
-        if masses[k] < _LEFT / 100 or cover.left <= _LEFT:
-            break
-        cover.lay(float(x[within][k]), float(y[within][k]))
-    return cover.finish()
+@dataclass(frozen=True, eq=False)
+class _Lattice:
+    """Places in order of their mass, and the gaps between three of them in the order in which the third comes."""
+
+    places: Array  # (n, 2)
+    gaps: Array  # (m, 2)
+    third: NDArray[np.int_]  # (m,) place by which a gap is closed in
+
+    @staticmethod
+    def over(density: Density, gain: Array, spacing: float, squeezed: float, origin: int) -> _Lattice:
+        """Over a density. `gain`: mass that each point of its grid would take; `origin`: at a place, between two, three."""
+        along, rows = spacing / math.sqrt(squeezed), spacing * math.sqrt(0.75 * squeezed)
+        start = ((0.0, 0.0), (along / 2, 0.0), (along / 2, rows / 3))[origin]
+        n, m = math.ceil(density.x[-1] / along) + 1, math.ceil(density.y[-1] / rows) + 1
+        i, j = np.meshgrid(np.arange(-n, n + 1), np.arange(-m, m + 1), indexing="ij")
+        x, y = start[0] + along * (i + 0.5 * (j % 2)), start[1] + rows * j
+        cells = [(x - density.x[0]) / density.spacing, (y - density.y[0]) / density.spacing]
+        mass = map_coordinates(gain, cells, order=1)
+        order = np.argsort(-mass, axis=None, kind="stable")
+        order = order[mass.ravel()[order] > _LEFT / 100]
+        rank = np.full(mass.size, mass.size)
+        rank[order] = np.arange(len(order))
+        rank = rank.reshape(mass.shape)
+        places = np.stack([x, y], axis=-1)
+        inner = (slice(1, -1), slice(1, -1))
+        step = j[inner] % 2  # to the right-hand neighbour in the rows above and below
+        corners = [
+            [(i[inner] + n, j[inner] + m), (i[inner] + n + 1, j[inner] + m), (i[inner] + n + step, j[inner] + m + side)]
+            for side in (-1, 1)
+        ]
+        gaps = np.concatenate([np.mean([places[at] for at in triangle], axis=0).reshape(-1, 2) for triangle in corners])
+        third = np.concatenate([np.max([rank[at] for at in triangle], axis=0).ravel() for triangle in corners])
+        closed = np.argsort(third, kind="stable")[: int((third < mass.size).sum())]
+        return _Lattice(places.reshape(-1, 2)[order], gaps[closed], third[closed])
+
+    def laid(self, cover: Cover) -> Cover:
+        """Lay the places one by one, and each gap as soon as it takes more than the next place."""
+        gaps: list[tuple[float, int]] = []  # heap; what a gap took when last asked, which never grows
+        start = 0
+        for number, (x, y) in enumerate(self.places.tolist()):
+            takes = cover.takes(x, y)
+            while gaps and -gaps[0][0] > takes:
+                gap = heappop(gaps)[1]
+                now = cover.takes(*self.gaps[gap])
+                if now > max(takes, -gaps[0][0] if gaps else 0.0):
+                    cover.lay(*map(float, self.gaps[gap]))
+                    takes = cover.takes(x, y)
+                elif now > _LEFT / 100:
+                    heappush(gaps, (-now, gap))
+            if cover.left <= _LEFT:
+                break
+            cover.lay(x, y)
+            stop = int(np.searchsorted(self.third, number, side="right"))
+            for gap in range(start, stop):
+                heappush(gaps, (-cover.takes(*self.gaps[gap]), gap))
+            start = stop
+        return cover
 
 
 def _polished(cover: Cover) -> Cover:
-    """The same places moved downhill in E[N], on a coarser grid; judged on the fine one."""
+    """The first places moved downhill in E[N], on a coarser grid, and the rest laid anew; judged on the fine one."""
+    first = Cover(cover.shape, cover.density, cover.sizes)
+    for place in cover.places[:_POLISHED]:
+        if first.left < _FEW:
+            break
+        first.lay(*place)
+    if first.left >= _FEW:
+        return cover
     coarse = cover.density
     while coarse.spacing < 0.13:
         coarse = coarse.thinned()
@@ -306,9 +365,9 @@ def _polished(cover: Cover) -> Cover:
             attempts, slope = attempts + share * taken, slope + share * steeper
         return attempts, slope
 
-    found = minimize(cost, np.array(cover.places).ravel(), jac=True, method="L-BFGS-B", options={"maxiter": 40})
+    found = minimize(cost, np.array(first.places).ravel(), jac=True, method="L-BFGS-B", options={"maxiter": 40})
     places = [(float(a), float(b)) for a, b in found.x.reshape(-1, 2)]
-    return _laid(cover.shape, cover.density, cover.sizes, places)
+    return _more(Cover(cover.shape, cover.density, cover.sizes), places).finish()
 
 
 def _attempts_and_slope(
