@@ -19,7 +19,20 @@ from runtime.errors import SessionError
 from runtime.follower import Session
 from runtime.recorder import SUMMARY, LogWriter
 
-HEAVY = ["mujoco", "pinocchio", "rerun", "zenoh", "numpy", "scipy", "pydantic", "rich", "rosbags", "mcap"]
+HEAVY = [
+    "joblib",
+    "matplotlib",
+    "mujoco",
+    "pinocchio",
+    "rerun",
+    "zenoh",
+    "numpy",
+    "scipy",
+    "pydantic",
+    "rich",
+    "rosbags",
+    "mcap",
+]
 COMMANDS = ["launch", "replay", "view", "plugins", "picture", "bench", "robot", "experiment"]
 
 
@@ -183,6 +196,21 @@ def test_the_bench_prints_and_writes_its_figures(palpate: Palpate) -> None:
     assert written["rtf_physics"] > written["rtf_controller"] > 0
     assert written["inserted"] == 1
     assert f"{written['rtf_cell']:.1f}" in done.stdout
+
+
+def test_the_bench_times_thought(palpate: Palpate) -> None:
+    figures = palpate.folder / "figures.json"
+    done = palpate.run("bench", "plan", "--strategy", "linear,spiral", "--json", figures)
+    assert done.returncode == 0, done.stderr
+    written = json.loads(figures.read_text())
+    for name in ("linear", "spiral"):
+        assert 0 < written[f"{name}_mean_ms"] <= written[f"{name}_worst_ms"]
+        assert written[f"{name}_p99_ms"] <= written[f"{name}_worst_ms"]
+        assert written[f"{name}_after_1000_boards_warm_ms"] > 0
+        assert name in done.stdout
+    unknown = palpate.run("bench", "plan", "--strategy", "guesswork")
+    assert unknown.returncode == 2
+    assert "no strategy 'guesswork' to compare; known: bayes, " in unknown.stderr
 
 
 def test_a_loss_is_told_and_fails_the_session(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

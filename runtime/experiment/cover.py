@@ -1,14 +1,16 @@
 """One hole, one known density: in how few attempts, on average, can copies of the feasible area cover it?
 
-Lengths are in the area's own units (`runtime.feasible_area`): it is about a disc of radius 1, its area is pi. What is
-sought is the sequence of places c_1, c_2, ... with the least mean number of attempts
+Lengths are in the area's own units (`runtime.feasible_area`): it is about a disc of radius 1, its area is pi. A part's
+area is larger or smaller by a factor, its size, of which only the distribution is known. A failed attempt tells nothing else, so any
+strategy is a sequence of places c_1, c_2, ...; sought is the one with the least mean number of attempts
 
-    E[N] = sum over n >= 0 of P(the hole lies in none of the first n areas).
+    E[N] = sum over n >= 0 of P(the hole lies in none of the first n areas),
 
-No sequence goes below `bound`; `fewest` returns the best of three ways to lay one: always the largest mass that is left
-(greedy), a covering lattice in order of density (several spacings and origins), and both moved downhill in E[N].
-Integrals are sums on a grid with anti-aliased rims, good to 0.5 %. It is a local search: a dozen restarts from shifted
-places bettered it by up to 1.2 % (at a width of 0.85). How far the true optimum is below it is unknown.
+probability being over place and size. No sequence goes below `bound`, averaged over sizes; `fewest` returns the best of
+three ways to lay one: always the largest mass that is left (greedy); a covering lattice in order of density, gaps that
+the smaller sizes leave once more mass is left there than under the next place (several spacings and origins); and both
+moved downhill in E[N]. Integrals are sums on a grid with anti-aliased rims, good to 0.5 %. It is a local search; how far
+the true optimum is below it is unknown.
 """
 
 from __future__ import annotations
@@ -266,11 +268,15 @@ def fewest(shape: Shape, density: Density, sizes: Sizes = ONE_SIZE) -> Cover:
     """The best cover found for an area whose size is drawn from `sizes` and not known."""
     empty = Cover(shape, density.thinned(), reduced(sizes, _SOUGHT))
     gain, middle = empty.gain(), sum(size * share for size, share in sizes.items())
-    covers = [_more(empty, ()).finish()]
-    for spacing, squeezed, origin in product(_SPACINGS, _SQUEEZED, range(3)):
-        lattice = _Lattice.over(empty.density, gain, spacing * middle, squeezed, origin)
-        covers.append(lattice.laid(_more(empty, ())).finish())
-    covers.sort(key=lambda cover: cover.expected)
+
+    def lattice(spacing: float, squeezed: float, origin: int) -> Cover:
+        over = _Lattice.over(empty.density, gain, spacing * middle, squeezed, origin)
+        return over.laid(_more(empty, ())).finish()
+
+    regular = {spacing: lattice(spacing, 1.0, 1) for spacing in _SPACINGS}
+    spacing = min(regular, key=lambda spacing: regular[spacing].expected)
+    others = [lattice(spacing, *other) for other in product(_SQUEEZED, range(3)) if other != (1.0, 1)]
+    covers = sorted([_more(empty, ()).finish(), *regular.values(), *others], key=lambda cover: cover.expected)
     best = [cover.places for cover in covers[:2] + [_polished(cover) for cover in covers[:2]]]
     empty = Cover(shape, density, sizes)
     return min((_more(empty, places).finish() for places in best), key=lambda cover: cover.expected)
@@ -294,7 +300,7 @@ class _Lattice:
 
     @staticmethod
     def over(density: Density, gain: Array, spacing: float, squeezed: float, origin: int) -> _Lattice:
-        """Over a density. `gain`: mass that each point of its grid would take; `origin`: at a place, between two, three."""
+        """Over a density. `gain`: mass that its points would take each; `origin`: at a place, between two or three."""
         along, rows = spacing / math.sqrt(squeezed), spacing * math.sqrt(0.75 * squeezed)
         start = ((0.0, 0.0), (along / 2, 0.0), (along / 2, rows / 3))[origin]
         n, m = math.ceil(density.x[-1] / along) + 1, math.ceil(density.y[-1] / rows) + 1
@@ -304,9 +310,8 @@ class _Lattice:
         mass = map_coordinates(gain, cells, order=1)
         order = np.argsort(-mass, axis=None, kind="stable")
         order = order[mass.ravel()[order] > _LEFT / 100]
-        rank = np.full(mass.size, mass.size)
-        rank[order] = np.arange(len(order))
-        rank = rank.reshape(mass.shape)
+        rank = np.full(mass.shape, mass.size)
+        rank.ravel()[order] = np.arange(len(order))
         places = np.stack([x, y], axis=-1)
         inner = (slice(1, -1), slice(1, -1))
         step = j[inner] % 2  # to the right-hand neighbour in the rows above and below
@@ -328,7 +333,7 @@ class _Lattice:
             while gaps and -gaps[0][0] > takes:
                 gap = heappop(gaps)[1]
                 now = cover.takes(*self.gaps[gap])
-                if now > max(takes, -gaps[0][0] if gaps else 0.0):
+                if now >= max(takes, -gaps[0][0] if gaps else 0.0):
                     cover.lay(*map(float, self.gaps[gap]))
                     takes = cover.takes(x, y)
                 elif now > _LEFT / 100:

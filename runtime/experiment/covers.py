@@ -245,7 +245,7 @@ def _draw(figure: Canvas, layouts: Sequence[Layout], rows: int, half: float) -> 
         axes.plot(*(1e3 * one.centres.T), ".", color=COLOURS[1], markersize=5)
         if half > REACH:
             axes.add_patch(Circle((0, 0), 1e3 * REACH, fill=False, edgecolor="black", linestyle=":"))
-        title = f"{one.rule.name}\n{one.different} different; mass of the union {one.union:.2f}, sum of masses"
+        title = f"{one.rule.name}\n{one.different} different; union {one.union:.2f}, sum"
         axes.set_title(f"{title} {one.masses.sum():.2f}", fontsize=9)
         axes.set(aspect="equal", xlim=(-1e3 * half, 1e3 * half), ylim=(-1e3 * half, 1e3 * half))
         axes.grid(visible=False)

@@ -9,9 +9,11 @@ Nothing else than pecks is meant: one slide tries many places. Two figures for e
   heavy-tailed scatter each part's own width is given away too, and the places of the holes themselves. To first order
   in the boards' rotation.
 - `estimate`, the estimated limit, is what the best cover found (`cover`) of the same density takes. It knows the true
-  distributions, the exact places of all earlier parts and the size of each hole, so it is a little more than can be
-  had; but a better cover may exist, so it is no bound. An error of fixed length counts as normal with the same mean
-  square in all searches but the one that meets it first. Integrals and table are good to 1 %.
+  distributions of everything and the exact places of all earlier parts. It does not know the size of the hole's area in
+  hand, only how sizes are distributed: the plated holes' radii and the turn of part against hole are drawn anew for
+  each search. To know exact places is a little more than can be had, and the turn that a board's earlier holes would
+  tell is left unused; a better cover may exist, so it is no bound. An error of fixed length counts as normal with the
+  same mean square in all searches but the one that meets it first. Integrals and table are good to some 1 %.
 
 There is no estimate, but nan, where scatter has heavy tails: the density of the next place then depends on what was
 found. There is neither where the common error exceeds the search radius: nobody finds what lies out of reach.
@@ -31,8 +33,8 @@ from scipy.stats import chi2, norm
 from runtime.assembly import goal_for
 from runtime.cell import HOLE_RADIUS_LIMIT, Board, Tolerances
 from runtime.component import Component, component, feasible_area
-from runtime.experiment.cover import Shape, bound, bound_of, fewest, ring_density
-from runtime.experiment.cover_table import cover_table
+from runtime.experiment.cover import Density, Shape, Sizes, bound, bound_of, fewest, reduced, ring_density
+from runtime.experiment.cover_table import CoverTable
 from runtime.experiment.worlds import NamedWorld
 from runtime.feasible_area import FeasibleArea, area_of
 from runtime.messages import Belief, Gaussian, header
@@ -40,6 +42,7 @@ from runtime.messages import Belief, Gaussian, header
 Array = NDArray[np.float64]
 Rows = tuple[tuple[float, ...], ...]
 
+_NODES = 5  # sizes that stand for their distribution where a ring is covered
 _WIDTHS_OF_TAILS = 400  # at even steps of probability; what they leave out of the tail only lowers the bound
 
 
@@ -107,7 +110,7 @@ def _seen(board: Board, tolerances: Tolerances, number: int, h: int) -> Array:
 
 
 def limits_of(world: NamedWorld, component: str, boards: int = 10) -> Limits:
-    """The limits of a world. Takes some seconds; half a minute for the first of a component in a process."""
+    """The limits of a world. Takes some seconds; up to a minute for a component's first with these sizes."""
     tolerances, shape = world.tolerances, (boards, len(world.cell(component, seed=0).board.holes))
     bounds, estimates = np.full(shape, math.nan), np.full(shape, math.nan)
     if tolerances.common_error <= world.search.radius:
@@ -145,8 +148,7 @@ class _Searches:
             return least, math.nan
         area = self._areas[h]
         narrow, wide = np.sqrt(np.linalg.eigvalsh(_own(area, self._normal.covariance[b, h])))
-        table = cover_table(Shape(area.rim))
-        return least, _mean(self._turned, lambda size: table.fewest((wide / size, narrow / size)))
+        return least, CoverTable(Shape(area.rim), self._turned).fewest((float(wide), float(narrow)))
 
     def _ring(self, b: int, h: int) -> float:
         """Length [m] of an error that this search is the first to meet; 0 for none."""
@@ -162,13 +164,15 @@ class _Searches:
         circle = np.asarray(length * np.linalg.inv(area.half_axes))
         known = self._known.place[b, h] + self._tails().min() * self._known.scatter[h] * one
         density = ring_density(circle, _own(area, known))
-        least = _mean(self._whole, lambda size: bound_of(density, math.pi * size**2))
+        least = _mean(self._whole, lambda size: _least(density, size))
         if self._tolerances.scatter_freedom > 0:
             return least, math.nan
         density = ring_density(circle, _own(area, self._normal.covariance[b, h] - length**2 / 2 * one))
-        middle = _mean(self._turned, lambda size: size)
-        excess = fewest(Shape(area.rim * middle), density).expected / bound_of(density, math.pi * middle**2)
-        return least, excess * _mean(self._turned, lambda size: bound_of(density, math.pi * size**2))
+        if min(self._turned) <= 0:
+            return least, math.inf
+        few = reduced(self._turned, _NODES)
+        excess = fewest(Shape(area.rim), density, few).expected / _mean(few, lambda size: _least(density, size))
+        return least, max(1.0, excess) * _mean(self._turned, lambda size: _least(density, size))
 
     def _tails(self) -> Array:
         """Factors of the scatter's variance, all as probable as each other."""
@@ -185,7 +189,12 @@ def _own(area: FeasibleArea, covariance: Array) -> Array:
     return np.asarray(to_own @ covariance @ to_own.T)
 
 
-def _mean(sizes: dict[float, float], attempts: Callable[[float], float]) -> float:
+def _least(density: Density, size: float) -> float:
+    """Attempts that no sequence goes below with areas of this size."""
+    return bound_of(density, math.pi * size**2)
+
+
+def _mean(sizes: Sizes, attempts: Callable[[float], float]) -> float:
     """Mean over sizes of the area, weighted; infinite if some parts go in nowhere."""
     return sum(share * (attempts(size) if size > 0 else math.inf) for size, share in sizes.items())
 
