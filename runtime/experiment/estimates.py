@@ -8,6 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+_ROUNDING = 1e-12  # relative error of a mean of equal numbers
+
 
 @dataclass(frozen=True)
 class Estimate:
@@ -21,7 +23,7 @@ class Estimate:
             return "-"
         if not math.isfinite(self.error):
             return f"{self.value:.3g} (one seed)"
-        if self.error == 0.0:
+        if self.error <= _ROUNDING * abs(self.value):
             return f"{self.value:.4g} ± 0"
         digits = max(0, 1 - math.floor(math.log10(self.error)))
         return f"{self.value:.{digits}f} ± {self.error:.{digits}f}"
