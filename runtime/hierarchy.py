@@ -56,7 +56,7 @@ class Expectations:
 
 @dataclass(frozen=True, eq=False)
 class Mixture:
-    """A weighted sum of normal densities of one offset."""
+    """A weighted sum of normal densities of one offset, in metres unless its owner says otherwise."""
 
     weights: Array  # (n,) sum to 1
     means: Array  # (n, 2) [m]

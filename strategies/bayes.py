@@ -10,6 +10,7 @@ from pydantic import Field
 from runtime.messages import SearchGoal
 from runtime.plugin import Search
 from runtime.quantity import Duration, Length, Positive, Speed
+from strategies.learning import Reading
 from strategies.pursuit import Pursuit
 
 
@@ -35,7 +36,7 @@ class Bayes:
 
     def search(self, goal: SearchGoal) -> Search:
         """Propose positions until the search radius is swept."""
-        pursuit = Pursuit(goal, self.slide_noise, self.size, self.size_spread)
+        pursuit = Pursuit(goal, self.size, Reading(self.size_spread, self.slide_noise))
         number = 0
         while True:
             number += 1
@@ -45,5 +46,5 @@ class Bayes:
                     return
             else:
                 point = pursuit.worthiest(self.peck_time, self.travel_speed)
-            yield pursuit.peck(point)
+            yield pursuit.attempt([point])
             pursuit.failed([point])

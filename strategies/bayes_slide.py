@@ -13,7 +13,7 @@ from pydantic import Field
 from runtime.messages import SearchGoal
 from runtime.plugin import Search
 from runtime.quantity import Duration, Length, Positive, Speed
-from strategies.learning import CATCH, SWATH
+from strategies.learning import Reading
 from strategies.offset_grid import best
 from strategies.pursuit import Pursuit, lattice_cells
 
@@ -46,13 +46,14 @@ class BayesSlide:
     push_time: Annotated[Duration, Positive] = 0.1  # [s] that pushing a part home after a slide takes more than a peck
     slide_speed: Annotated[Speed, Positive] = 10e-3  # [m/s]
     longest: Annotated[Length, Positive] = 20e-3  # [m] way of one slide
-    swath: Annotated[float, Field(gt=0.2, le=1.0)] = SWATH  # of the feasible area
-    catch: Annotated[float, Field(gt=0.0, le=1.0)] = CATCH
+    swath: Annotated[float, Field(gt=0.2, le=1.0)] = Reading.swath  # of the feasible area
+    catch: Annotated[float, Field(gt=0.0, le=1.0)] = Reading.catch
     spacing: Annotated[float, Field(ge=0.5, le=2.0)] = 1.5  # [half axes of the area] of the lattice
 
     def search(self, goal: SearchGoal) -> Search:
         """Propose slides and pecks until the search radius is swept."""
-        pursuit = Pursuit(goal, self.slide_noise, self.size, self.size_spread)
+        reading = Reading(self.size_spread, self.slide_noise, self.swath, self.catch)
+        pursuit = Pursuit(goal, self.size, reading)
         number = 0
         while True:
             number += 1
@@ -65,8 +66,8 @@ class BayesSlide:
                 path = [point]
             else:
                 path = self._path(pursuit)
-            yield pursuit.slide(path)
-            pursuit.failed(path, self.swath, self.catch)
+            yield pursuit.attempt(path)
+            pursuit.failed(path)
 
     def _path(self, pursuit: Pursuit) -> list[Array]:
         """Where to touch first, and then the way on; no way if pecks are expected to be done sooner."""

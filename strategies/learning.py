@@ -15,13 +15,25 @@ from strategies.offset_grid import NODE_WEIGHTS, OffsetGrid, hit
 
 Path = tuple[tuple[float, float], ...]
 
-SWATH = 0.9  # of the feasible area that a slide catches, in
-CATCH = 0.9  # of all cases
 _BLOCK = 30  # boards: of those long gone only the last one or two blocks are learned from, so that work stays bounded
 _NEAR = 2.8  # own units: attempts further apart have no place in common
 _side = np.linspace(-1.5, 1.5, 21)
 _AROUND = np.stack(np.meshgrid(_side, _side, indexing="ij"), axis=-1).reshape(-1, 2)  # own units, about a success
 _REMEMBERED = 4  # beliefs kept, so that a search learns only what is new since the one before
+
+
+@dataclass(frozen=True)
+class Reading:
+    """What an attempt says of where its hole is.
+
+    A slid part comes to rest `slide_noise` [m] per axis from the middle of its hole. A pecked one stays within the
+    feasible area of where it was tried, and tells no more: its pins bend.
+    """
+
+    size_spread: float  # of the feasible area's half axes, from part to part, relative
+    slide_noise: float  # [m]
+    swath: float = 0.9  # of the feasible area that catches pins that slide by, in
+    catch: float = 0.9  # of all cases
 
 
 @dataclass(frozen=True)
@@ -35,17 +47,13 @@ class _Lesson:
     misses: tuple[Path, ...]  # of blocked attempts
 
 
-def belief_at(goal: SearchGoal, area: FeasibleArea, slide_noise: float, size_spread: float) -> Mixture:
-    """What is believed about the goal's hole, given all its evidence.
-
-    `slide_noise` [m] is how far, per axis, a slid part comes to rest from the middle of its hole; a pecked one stays
-    within the feasible area of where it was tried, and tells no more: its pins bend.
-    """
+def belief_at(goal: SearchGoal, area: FeasibleArea, reading: Reading) -> Mixture:
+    """What is believed about the goal's hole, given all its evidence."""
     here = Place(goal.hole, goal.nominal.position.x, goal.nominal.position.y)
     layout = tuple(goal.layout)
     if goal.hole not in {place.hole for place in layout}:
         layout = (*layout, here)
-    belief = _learned(layout, _lessons(goal, {place.hole for place in layout}), area, slide_noise, size_spread)
+    belief = _learned(layout, _lessons(goal, {place.hole for place in layout}), area, reading)
     return belief.on_board(goal.board).offset(goal.hole)
 
 
@@ -70,45 +78,39 @@ def _lessons(goal: SearchGoal, holes: set[str]) -> tuple[_Lesson, ...]:
     return tuple(sorted((lesson for lesson in lessons if lesson.board >= first), key=lambda lesson: lesson.board))
 
 
-_Key = tuple[tuple[Place, ...], FeasibleArea, float, float]
+_Key = tuple[tuple[Place, ...], FeasibleArea, Reading]
 _beliefs: OrderedDict[_Key, tuple[tuple[_Lesson, ...], BoardBelief]] = OrderedDict()
 
 
 def _learned(
-    layout: tuple[Place, ...],
-    lessons: tuple[_Lesson, ...],
-    area: FeasibleArea,
-    slide_noise: float,
-    size_spread: float,
+    layout: tuple[Place, ...], lessons: tuple[_Lesson, ...], area: FeasibleArea, reading: Reading
 ) -> BoardBelief:
     """The belief after all lessons. What was learned before is kept and gone on from: the result is the same."""
-    key = (layout, area, slide_noise, size_spread)
+    key = (layout, area, reading)
     done, belief = _beliefs.pop(key, ((), None))
     if belief is None or lessons[: len(done)] != done:
         done, belief = (), unlearned(layout, Expectations())
     for lesson in lessons[len(done) :]:
-        belief = _taught(belief.on_board(lesson.board), lesson, area, slide_noise, size_spread)
+        belief = _taught(belief.on_board(lesson.board), lesson, area, reading)
     _beliefs[key] = (lessons, belief)
     while len(_beliefs) > _REMEMBERED:
         _beliefs.popitem(last=False)
     return belief
 
 
-def _taught(
-    belief: BoardBelief, lesson: _Lesson, area: FeasibleArea, slide_noise: float, size_spread: float
-) -> BoardBelief:
+def _taught(belief: BoardBelief, lesson: _Lesson, area: FeasibleArea, reading: Reading) -> BoardBelief:
     paths = [area.to_own(np.array(path)) for path in lesson.misses]
     if lesson.found is None:
-        grid = OffsetGrid(area, belief.offset(lesson.hole), size_spread)
+        grid = OffsetGrid(area, belief.offset(lesson.hole), reading.size_spread)
         for path in paths:
-            grid.failed(path, SWATH, CATCH)
+            grid.failed(path, reading.swath, reading.catch)
         return belief.learned_by(lesson.hole, area.to_metres(grid.points().reshape(-1, 2)), grid.survival().ravel())
     if lesson.slid:
-        return belief.learned(lesson.hole, lesson.found, slide_noise)
+        return belief.learned(lesson.hole, lesson.found, reading.slide_noise)
     at = area.to_own(np.array(lesson.found))
     points = at + _AROUND
-    likelihood = hit(area, size_spread, at - points)  # (nodes, m)
+    likelihood = hit(area, reading.size_spread, at - points)  # (nodes, m)
     for path in paths:
         if len(path) == 1 and np.abs(path[0] - at).max() < _NEAR:
-            likelihood *= 1 - hit(area, size_spread, path[0] - points)
+            likelihood *= 1 - hit(area, reading.size_spread, path[0] - points)
     return belief.learned_by(lesson.hole, area.to_metres(points), NODE_WEIGHTS @ likelihood)

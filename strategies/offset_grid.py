@@ -32,13 +32,6 @@ _TIE = 1e-5  # relative difference of masses that single precision does not tell
 
 
 @dataclass(frozen=True, eq=False)
-class Hits:
-    """The probability that a part goes in, for errors within a window of a grid; and its transform."""
-
-    transform: NDArray[np.complexfloating]  # (nodes, side, side / 2 + 1)
-
-
-@dataclass(frozen=True, eq=False)
 class _Peck:
     point: Array  # (2,)
 
@@ -58,11 +51,12 @@ def hit(area: FeasibleArea, size_spread: float, errors: Array) -> Array:
 
 
 @lru_cache(maxsize=64)
-def _hits(area: FeasibleArea, size_spread: float, cell: float, side: int) -> Hits:
+def _hits(area: FeasibleArea, size_spread: float, cell: float, side: int) -> NDArray[np.complexfloating]:
+    """Transform (nodes, side, side / 2 + 1) of the probability that a part goes in, for the errors on a grid."""
     index = np.arange(side)
     away = np.where(index < side / 2, index, index - side) * cell
     errors = np.stack(np.meshgrid(away, away, indexing="ij"), axis=-1)
-    return Hits(np.asarray(rfft2(hit(area, size_spread, errors).astype(np.float32))))
+    return np.asarray(rfft2(hit(area, size_spread, errors).astype(np.float32)))
 
 
 class OffsetGrid:
@@ -72,15 +66,14 @@ class OffsetGrid:
         """`size_spread` is the relative standard deviation of the area's size from part to part."""
         self._area, self._size_spread = area, size_spread
         inverse = np.linalg.inv(area.half_axes)
-        self._weights, self._means, self._covariances = _merged(
+        own = Mixture(
             belief.weights,
             belief.means @ inverse.T,
             np.einsum("ai,nij,bj->nab", inverse, belief.covariances, inverse),
         )
-        self.mean = self._weights @ self._means  # (2,)
-        apart = self._means - self.mean
-        whole = np.einsum("n,nij->ij", self._weights, self._covariances)
-        whole += np.einsum("n,ni,nj->ij", self._weights, apart, apart)
+        self._belief = _merged(own)
+        self.mean = self._belief.mean  # (2,)
+        whole = self._belief.covariance
         self.width = float(np.linalg.det(whole)) ** 0.25
         self._failures: list[_Peck | _Slide] = []
         self._masses: Array | None = None  # computed when asked for
@@ -96,7 +89,7 @@ class OffsetGrid:
         """Probability (side, side) of success at each point of the grid, given all that has failed."""
         if self._masses is None:
             hits = _hits(self._area, self._size_spread, self.cell, self.side)
-            found = (rfft2(self._mass) * hits.transform).sum(axis=0)
+            found = (rfft2(self._mass) * hits).sum(axis=0)
             mass = irfft2(found, s=(self.side, self.side))
             self._masses = np.asarray(np.maximum(mass, 0.0) / max(self.left, 1e-30), dtype=float)
         return self._masses
@@ -148,7 +141,8 @@ class OffsetGrid:
         along = (np.arange(self.side) - self.side // 2) * self.cell
         self._points = self.mean + np.stack(np.meshgrid(along, along, indexing="ij"), axis=-1)
         density = np.zeros((self.side, self.side), dtype=np.float32)
-        for weight, mean, covariance in zip(self._weights, self._means, self._covariances, strict=True):
+        belief = self._belief
+        for weight, mean, covariance in zip(belief.weights, belief.means, belief.covariances, strict=True):
             precision = np.linalg.inv(covariance)
             x, y = along + self.mean[0] - mean[0], along + self.mean[1] - mean[1]
             exponent = precision[0, 0] * (x * x)[:, None] + precision[1, 1] * y * y
@@ -178,9 +172,7 @@ class OffsetGrid:
         steps = np.diff(slide.path, axis=0)
         counts = np.maximum(np.ceil(np.hypot(steps[:, 0], steps[:, 1]) / (self.cell / 2)), 1).astype(int)
         along = np.concatenate([np.arange(count) / count for count in counts])
-        passed = np.concatenate(
-            [np.repeat(slide.path[:-1], counts, axis=0) + along[:, None] * np.repeat(steps, counts, 0)]
-        )
+        passed = np.repeat(slide.path[:-1], counts, axis=0) + along[:, None] * np.repeat(steps, counts, axis=0)
         passed = np.concatenate([passed, slide.path[-1:]])
         cells = np.rint((passed - self._points[0, 0]) / self.cell).astype(int)
         cells = cells[((cells >= 0) & (cells < self.side)).all(axis=1)]
@@ -198,18 +190,18 @@ def best(values: Array) -> int:
     return int(np.argmax(values >= (1 - _TIE) * values.max()))
 
 
-def _merged(weights: Array, means: Array, covariances: Array) -> tuple[Array, Array, Array]:
+def _merged(whole: Mixture) -> Mixture:
     """A mixture with its components of like scale gathered into one each, by their moments."""
-    if len(weights) <= _MERGED:
-        return weights, means, covariances
-    scale = 0.25 * np.log(np.linalg.det(covariances))
+    if len(whole.weights) <= _MERGED:
+        return whole
+    scale = 0.25 * np.log(np.linalg.det(whole.covariances))
     edges = np.linspace(scale.min(), scale.max() + 1e-9, _MERGED + 1)
     group = np.digitize(scale, edges) - 1
     used = np.unique(group)
-    member = (group == used[:, None]) * weights  # (groups, n)
+    member = (group == used[:, None]) * whole.weights  # (groups, n)
     total = member.sum(axis=1)
     share = member / total[:, None]
-    centre = share @ means
-    apart = means - centre[:, None]  # (groups, n, 2)
-    within = np.einsum("gn,nij->gij", share, covariances)
-    return total, centre, within + np.einsum("gn,gni,gnj->gij", share, apart, apart)
+    centre = share @ whole.means
+    apart = whole.means - centre[:, None]  # (groups, n, 2)
+    within = np.einsum("gn,nij->gij", share, whole.covariances)
+    return Mixture(total, centre, within + np.einsum("gn,gni,gnj->gij", share, apart, apart))

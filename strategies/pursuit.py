@@ -12,7 +12,7 @@ from runtime.belief import gaussian, seat_points
 from runtime.feasible_area import area_of
 from runtime.messages import Proposal, SearchGoal, Waypoint
 from strategies.guard import sweep
-from strategies.learning import belief_at
+from strategies.learning import Reading, belief_at
 from strategies.offset_grid import OffsetGrid, best
 from strategies.patterns import lattice
 from strategies.start import check
@@ -27,15 +27,16 @@ _WORTH = 0.62  # share of the best mass that a lattice point must have
 class Pursuit:
     """A search under way."""
 
-    def __init__(self, goal: SearchGoal, slide_noise: float, size: float, size_spread: float) -> None:
-        """`slide_noise` [m] of a slid part's place, `size` of the feasible area over the stated one and its spread.
+    def __init__(self, goal: SearchGoal, size: float, reading: Reading) -> None:
+        """`size` is that of the feasible area over the stated one.
 
         Raises InputError unless the goal's radii are positive lengths.
         """
         check(goal)
         self.area = area_of(goal, size)
-        belief = belief_at(goal, self.area, slide_noise, size_spread)
-        self.grid = OffsetGrid(self.area, belief, size_spread)
+        self._reading = reading
+        belief = belief_at(goal, self.area, reading)
+        self.grid = OffsetGrid(self.area, belief, reading.size_spread)
         self.reach = _reach(goal)  # [m] from nominal
         self.brief = _found_nothing_lately(goal)
         self._told = gaussian(belief.mean, belief.covariance)
@@ -44,11 +45,7 @@ class Pursuit:
         centre = belief.mean * min(1.0, self.reach / max(away, 1e-12))
         self._guard = sweep(self.area, centre, self.reach, lambda: self._tried, brief=self.brief)
 
-    def peck(self, point: Array) -> Proposal:
-        """A peck at a point (2,) [m]."""
-        return self.slide([point])
-
-    def slide(self, path: Sequence[Array]) -> Proposal:
+    def attempt(self, path: Sequence[Array]) -> Proposal:
         """A slide along points (2,) [m]; a single one is pecked at."""
         x, y = path[0]
         probability = self._probability(path[0])
@@ -88,10 +85,10 @@ class Pursuit:
         places = self.area.to_metres(self.grid.points())
         return np.where(np.hypot(places[..., 0], places[..., 1]) <= self.reach, self.grid.masses(), 0.0)
 
-    def failed(self, path: Sequence[Array], share: float = 1.0, catch: float = 1.0) -> None:
-        """An attempt along points (2,) [m] was blocked; `share` and `catch` are those of `OffsetGrid.failed`."""
+    def failed(self, path: Sequence[Array]) -> None:
+        """An attempt along points (2,) [m] was blocked."""
         self._tried = np.concatenate([self._tried, path[0][None]])
-        self.grid.failed(self.area.to_own(np.array(path)), share, catch)
+        self.grid.failed(self.area.to_own(np.array(path)), self._reading.swath, self._reading.catch)
 
     def _probability(self, point: Array) -> float:
         row, column = self.grid.cell_of(self.area.to_own(point))

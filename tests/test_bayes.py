@@ -181,6 +181,13 @@ def test_what_earlier_searches_did_not_find_counts(make: type[Bayes] | type[Baye
     assert fresh.probability > 1.1 * proposals(make(), goal_of("capacitor", misses=slid), 1)[0].probability
 
 
+def test_how_well_slides_catch_counts_in_hindsight_too() -> None:
+    slid = [Miss(1, "h2", [Waypoint(-0.75 * MM, y * MM), Waypoint(0.75 * MM, y * MM)]) for y in (-0.5, 0.0, 0.5)]
+    goal = goal_of("capacitor", misses=slid)
+    sure, unsure = (proposals(BayesSlide(catch=catch), goal, 1)[0].probability for catch in (0.9, 0.2))
+    assert unsure > 1.05 * sure
+
+
 def test_failures_are_not_repeated_and_probability_falls() -> None:
     tried = proposals(Bayes(), goal_of("igbt"), 30)
     points = np.array([(proposal.x, proposal.y) for proposal in tried])
