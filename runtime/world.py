@@ -56,10 +56,13 @@ class Gap:
     turned: float  # [rad] of the part against the hole pattern, in the component's frame
     wider: float  # [m] by which the plated holes' radius exceeds the drawing's
 
-    def feasible(self, x: float, y: float) -> bool:
-        """Whether every pin's tip is over its hole with the TCP at (x, y) [m] from nominal."""
+    def feasible(self, x: float, y: float, size: float = 1.0) -> bool:
+        """Whether every pin's tip is over its hole with the TCP at (x, y) [m] from nominal.
+
+        `size` other than 1 asks about the same area grown that many times about its centre.
+        """
         cosine, sine = math.cos(self.orientation), math.sin(self.orientation)
-        dx, dy = x - self.x, y - self.y
+        dx, dy = (x - self.x) / size, (y - self.y) / size
         return feasible(self.component, cosine * dx + sine * dy, sine * dx - cosine * dy, self.turned, self.wider)
 
 

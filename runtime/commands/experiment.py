@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
-from rich.progress import Progress as Bar
+from rich.progress import TimeRemainingColumn
 from rich.table import Table
 
+from runtime.commands.progress import progress_bar
 from runtime.component import component
 from runtime.errors import InputError
 from runtime.experiment.cache import Cache, default_folder
@@ -96,17 +95,7 @@ def _list(console: Console) -> None:
 def _run(
     chosen_study: Study, work: Sequence[Work[Any]], cache: Cache, arguments: argparse.Namespace, console: Console
 ) -> Swept:
-    with Bar(
-        TextColumn("{task.description}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TextColumn("{task.fields[detail]}"),
-        TimeElapsedColumn(),
-        TimeRemainingColumn(),
-        console=console,
-        disable=not sys.stdout.isatty(),
-        transient=True,
-    ) as bar:
+    with progress_bar(console, TimeRemainingColumn()) as bar:
         task = bar.add_task(chosen_study.name, total=None, detail="")
 
         def report(progress: Progress) -> None:

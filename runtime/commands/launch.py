@@ -10,11 +10,10 @@ from pathlib import Path
 from typing import Any
 
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn
-from rich.progress import Progress as Bar
 from rich.table import Table
 
 from runtime import config
+from runtime.commands.progress import progress_bar
 from runtime.config import CellFile
 from runtime.errors import InputError, SessionError
 from runtime.follower import Progress, Session
@@ -61,16 +60,7 @@ def viewer_mode(mode: str) -> str | None:
 def _with_bar(order: Order, console: Console, run: Run) -> Session:
     cell = order.cell_file.cell
     total = cell.boards * len(cell.board.holes)
-    with Bar(
-        TextColumn("{task.description}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TextColumn("{task.fields[detail]}"),
-        TimeElapsedColumn(),
-        console=console,
-        disable=not sys.stdout.isatty(),
-        transient=True,
-    ) as bar:
+    with progress_bar(console) as bar:
         task = bar.add_task(f"{cell.component}, {cell.strategy}", total=total, detail="starting")
 
         def show(progress: Progress) -> None:

@@ -12,7 +12,7 @@ from runtime.experiment.contenders import CONTENDERS, contender
 from runtime.experiment.estimates import Estimate, mean_over_seeds
 from runtime.experiment.limit import Limits
 from runtime.experiment.limit_work import LimitWork
-from runtime.experiment.score import Records, Score, attempts, score
+from runtime.experiment.score import Records, Row, attempts, rows_of
 from runtime.experiment.study import Assumption, Choices, Findings, Results, Table, Work
 from runtime.experiment.trial import trials
 from runtime.experiment.worlds import world
@@ -34,14 +34,9 @@ LATE = 6  # the first board that counts as late
 
 
 @dataclass(frozen=True)
-class Row:
-    """One strategy in one world with one component."""
+class Compared(Row):
+    """A row beside what is possible."""
 
-    world: str
-    component: str
-    strategy: str
-    records: Records
-    score: Score
     limits: Limits
 
 
@@ -72,10 +67,8 @@ class Compare:
     def findings(self, chosen: Choices, results: Results) -> Findings:
         """Tables, figures, verdict."""
         rows = [
-            self._row(chosen, results, name, component, strategy)
-            for name in chosen.worlds
-            for component in chosen.components
-            for strategy in chosen.strategies
+            Compared(**vars(row), limits=results[LimitWork(world(row.world), row.component, chosen.boards)])
+            for row in rows_of(chosen, results, chosen.strategies)
         ]
         return Findings(
             tables=(_exact(rows), _readable(rows, chosen.boards), _limits(rows)),
@@ -84,14 +77,8 @@ class Compare:
             assumptions=ASSUMPTIONS,
         )
 
-    def _row(self, chosen: Choices, results: Results, name: str, component: str, strategy: str) -> Row:
-        place = world(name)
-        records = [results[trial] for trial in trials(chosen, place, component, contender(strategy))]
-        limits = results[LimitWork(place, component, chosen.boards)]
-        return Row(name, component, strategy, records, score(records, place.search.radius), limits)
 
-
-def _exact(rows: Sequence[Row]) -> Table:
+def _exact(rows: Sequence[Compared]) -> Table:
     return Table(
         "",
         "Strategies compared",
@@ -116,7 +103,7 @@ def _exact(rows: Sequence[Row]) -> Table:
     )
 
 
-def _readable(rows: Sequence[Row], boards: int) -> Table:
+def _readable(rows: Sequence[Compared], boards: int) -> Table:
     late = (f"on boards {LATE}-{boards}",) if boards >= LATE else ()
     return Table(
         "details",
@@ -158,7 +145,7 @@ def _late(records: Records) -> Estimate:
     return mean_over_seeds(attempts([[search for search in seed if search.board >= LATE] for seed in records]))
 
 
-def _limits(rows: Sequence[Row]) -> Table:
+def _limits(rows: Sequence[Compared]) -> Table:
     places = {(row.world, row.component): row.limits for row in rows}
     return Table(
         "limits",

@@ -13,13 +13,13 @@ from runtime.experiment.study import Choices, Picture
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Canvas
 
-    from runtime.experiment.compare import Row
+    from runtime.experiment.compare import Compared
 
-Panel = Callable[[Any, "Sequence[Row]", dict[str, Look]], None]
+Panel = Callable[[Any, "Sequence[Compared]", dict[str, Look]], None]
 COUNTS = (1, 2, 3, 4, 5, 6, 8, 10, 13, 16, 20, 25, 32, 40, 50, 64, 80, 100, 128, 160, 200, 256, 320, 400)
 
 
-def pictures(rows: Sequence[Row], chosen: Choices) -> tuple[Picture, ...]:
+def pictures(rows: Sequence[Compared], chosen: Choices) -> tuple[Picture, ...]:
     """Learning curves, distance from the limit, and how many searches are solved how soon."""
 
     def picture(key: str, caption: str, panel: Panel, *, legend: bool = True) -> Picture:
@@ -40,7 +40,7 @@ def pictures(rows: Sequence[Row], chosen: Choices) -> tuple[Picture, ...]:
     )
 
 
-def _panels(figure: Canvas, rows: Sequence[Row], chosen: Choices, panel: Panel, legend: bool) -> None:
+def _panels(figure: Canvas, rows: Sequence[Compared], chosen: Choices, panel: Panel, legend: bool) -> None:
     worlds, components = chosen.worlds, chosen.components
     look = looks(chosen.strategies)
     grid = figure.subplots(len(components), len(worlds), squeeze=False, sharex=True, sharey=True)
@@ -56,7 +56,7 @@ def _panels(figure: Canvas, rows: Sequence[Row], chosen: Choices, panel: Panel, 
         figure.legend(handles, labels, loc="outside lower center", ncols=columns)
 
 
-def _learning(axes: Any, rows: Sequence[Row], look: dict[str, Look]) -> None:
+def _learning(axes: Any, rows: Sequence[Compared], look: dict[str, Look]) -> None:
     for row in rows:
         curve, one = by_board(row.records), look[row.strategy]
         boards, means = list(curve), [estimate.value for estimate in curve.values()]
@@ -71,7 +71,7 @@ def _learning(axes: Any, rows: Sequence[Row], look: dict[str, Look]) -> None:
     axes.xaxis.get_major_locator().set_params(integer=True)
 
 
-def _limit(axes: Any, rows: Sequence[Row], look: dict[str, Look]) -> None:
+def _limit(axes: Any, rows: Sequence[Compared], look: dict[str, Look]) -> None:
     for index, row in enumerate(rows):
         if math.isnan(row.limits.estimate):
             continue
@@ -90,7 +90,7 @@ def _limit(axes: Any, rows: Sequence[Row], look: dict[str, Look]) -> None:
         axes.invert_yaxis()
 
 
-def _solved(axes: Any, rows: Sequence[Row], look: dict[str, Look]) -> None:
+def _solved(axes: Any, rows: Sequence[Compared], look: dict[str, Look]) -> None:
     most = max(search.attempts for row in rows for seed in row.records for search in seed)
     counts = [count for count in COUNTS if count <= most] or [1]
     for row in rows:

@@ -6,12 +6,12 @@ import math
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
-from runtime.experiment.estimates import Estimate, ratio_over_seeds
-from runtime.experiment.score import GIVES_UP, attempts, search_times
+from runtime.experiment.estimates import Estimate
+from runtime.experiment.score import GIVES_UP, Row, attempts_ratio, seconds_ratio
 from runtime.experiment.study import Choices, aim, listed
 
 if TYPE_CHECKING:
-    from runtime.experiment.compare import Row
+    from runtime.experiment.compare import Compared
 
 AIMED_AT = "realistic"  # the world of the aims
 OF_META = 0.40  # of the paper's meta's attempts, for bayes
@@ -20,38 +20,34 @@ OF_META_SECONDS = 0.7  # of the paper's meta's seconds at the hole, for bayes-sl
 SEARCHES = 10_000  # none of them unsolved within the search radius
 
 
-def verdict(rows: Sequence[Row], chosen: Choices) -> tuple[str, ...]:
+def verdict(rows: Sequence[Compared], chosen: Choices) -> tuple[str, ...]:
     """One sentence for each aim that these rows can tell about, the order of the strategies, and what to beware of."""
     return (*_aims(rows, chosen), *_orders(rows), *_sliders(rows), *_quitters(rows))
 
 
-def _aims(rows: Sequence[Row], chosen: Choices) -> Iterator[str]:
+def _aims(rows: Sequence[Compared], chosen: Choices) -> Iterator[str]:
     for component in chosen.components:
         there = {row.strategy: row for row in rows if row.world == AIMED_AT and row.component == component}
         where = f"{AIMED_AT}, {component}"
         if bayes := there.get("bayes"):
             if "meta" in there:
-                yield aim(f"{where}: bayes' share of meta's attempts", _attempts_ratio(bayes, there["meta"]), OF_META)
+                yield aim(f"{where}: bayes' share of meta's attempts", attempts_ratio(bayes, there["meta"]), OF_META)
             others = [row for name, row in there.items() if name.startswith("meta-")]
             if others:
                 best = min(others, key=lambda row: row.score.attempts_per_part.value)
-                yield f"{where}: bayes' share of {best.strategy}'s attempts: {_attempts_ratio(bayes, best)}."
+                yield f"{where}: bayes' share of {best.strategy}'s attempts: {attempts_ratio(bayes, best)}."
             found, limit = bayes.score.attempts, bayes.limits.estimate
             ratio = Estimate(found.value / limit, found.error / limit)
             yield aim(f"{where}: bayes' attempts in multiples of the estimated limit", ratio, OF_LIMIT)
             yield _unsolved(where, bayes)
         if "bayes-slide" in there and "meta" in there:
             slide, meta = there["bayes-slide"], there["meta"]
-            seconds = ratio_over_seeds(search_times(slide.records), search_times(meta.records))
+            seconds = seconds_ratio(slide, meta)
             what = f"{where}: bayes-slide's share of meta's seconds at the hole"
             if chosen.physics:
                 yield aim(what, seconds, OF_META_SECONDS)
             else:
                 yield f"{what}: {seconds} on the statistical model; the aim of {OF_META_SECONDS:g} is about --physics."
-
-
-def _attempts_ratio(above: Row, below: Row) -> Estimate:
-    return ratio_over_seeds(attempts(above.records), attempts(below.records))
 
 
 def _unsolved(where: str, row: Row) -> str:
@@ -71,7 +67,7 @@ def _unsolved(where: str, row: Row) -> str:
     return f"{told}; aim none in {SEARCHES}: {outcome}."
 
 
-def _orders(rows: Sequence[Row]) -> Iterator[str]:
+def _orders(rows: Sequence[Compared]) -> Iterator[str]:
     for place in dict.fromkeys((row.world, row.component) for row in rows):
         there = sorted(
             (row for row in rows if (row.world, row.component) == place),
@@ -84,7 +80,7 @@ def _orders(rows: Sequence[Row]) -> Iterator[str]:
             yield f"{', '.join(place)}: attempts for each part that was inserted: {told}."
 
 
-def _sliders(rows: Sequence[Row]) -> Iterator[str]:
+def _sliders(rows: Sequence[Compared]) -> Iterator[str]:
     below = [row for row in rows if row.score.attempts.value < row.limits.bound and row.score.success_rate >= GIVES_UP]
     for strategy in dict.fromkeys(row.strategy for row in below):
         yield (
@@ -93,7 +89,7 @@ def _sliders(rows: Sequence[Row]) -> Iterator[str]:
         )
 
 
-def _quitters(rows: Sequence[Row]) -> Iterator[str]:
+def _quitters(rows: Sequence[Compared]) -> Iterator[str]:
     for strategy in dict.fromkeys(row.strategy for row in rows):
         gave_up = [row for row in rows if row.strategy == strategy and row.score.success_rate < GIVES_UP]
         if gave_up:

@@ -7,6 +7,7 @@ exactly a seated part tells its place was measured in the full physics (`palpate
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -27,6 +28,8 @@ from runtime.messages import (
     header,
 )
 from runtime.world import Gap, World
+
+Point = tuple[float, float]  # [m] from nominal
 
 
 @dataclass(frozen=True)
@@ -62,6 +65,18 @@ class Capture:
     slide_kept: float = 0.58  # the same, of where a slide caught the hole
     slide_noise: float = 0.048e-3  # [m]
     step: float = 0.02e-3  # [m] along a path between the points that are looked at
+
+
+def along(path: Sequence[Point], step: float) -> Iterator[tuple[float, Point]]:
+    """Points along a path, at most `step` [m] apart, each after so much of it [m]; its first point is left out."""
+    travelled = 0.0
+    for (ax, ay), (bx, by) in pairwise(path):
+        length = math.dist((ax, ay), (bx, by))
+        count = max(1, math.ceil(length / step))
+        for index in range(1, count + 1):
+            share = index / count
+            yield travelled + share * length, (ax + share * (bx - ax), ay + share * (by - ay))
+        travelled += length
 
 
 class StatisticalBench:
@@ -134,20 +149,14 @@ class StatisticalBench:
         noise = sd * self._noise.standard_normal(2)
         return float(gap.x + kept * (x - gap.x) + noise[0]), float(gap.y + kept * (y - gap.y) + noise[1])
 
-    def _slide(self, path: list[tuple[float, float]]) -> tuple[bool, float, tuple[float, float]]:
+    def _slide(self, path: list[Point]) -> tuple[bool, float, Point]:
         """Whether the pins drop in along a path, after how much of it [m], and where [m]."""
         assert self._gap is not None
-        gap, share = self._gap, self._capture.swath
-        travelled = 0.0
-        for begin, end in pairwise(path):
-            length = math.dist(begin, end)
-            for index in range(1, max(1, math.ceil(length / self._capture.step)) + 1):
-                part = index / max(1, math.ceil(length / self._capture.step))
-                x, y = (a + part * (b - a) for a, b in zip(begin, end, strict=True))
-                if gap.feasible(gap.x + (x - gap.x) / share, gap.y + (y - gap.y) / share):
-                    return True, travelled + part * length, (x, y)
-            travelled += length
-        return False, travelled, path[-1]
+        travelled, at = 0.0, path[0]
+        for travelled, at in along(path, self._capture.step):
+            if self._gap.feasible(*at, self._capture.swath):
+                return True, travelled, at
+        return False, travelled, at
 
     def end(self, seated: bool) -> None:  # noqa: ARG002 - letting go takes as long as throwing away
         """Let go of the part."""

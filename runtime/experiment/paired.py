@@ -13,7 +13,7 @@ from runtime import config
 from runtime.assembly import goal_for
 from runtime.component import component
 from runtime.errors import InputError
-from runtime.experiment.model import Capture, StatisticalBench
+from runtime.experiment.model import Capture, StatisticalBench, along
 from runtime.experiment.trial import Trial
 from runtime.messages import Attempt, Belief, Candidate, Gaussian, Outcome, Proposal, SearchGoal, header
 from runtime.plugin import SearchRecord
@@ -138,10 +138,10 @@ def _margin(gap: Gap, x: float, y: float) -> float:
 
 def _nearest(gap: Gap, path: list[tuple[float, float]]) -> float:
     """The least factor by which the area, grown about its centre, reaches a path."""
-    points = _points(path, Capture().step)
+    points = [path[0], *(point for _, point in along(path, Capture().step))]
 
     def reached(factor: float) -> bool:
-        return any(gap.feasible(gap.x + (x - gap.x) / factor, gap.y + (y - gap.y) / factor) for x, y in points)
+        return any(gap.feasible(x, y, factor) for x, y in points)
 
     low, high = 0.0, _FARTHEST
     if not reached(high):
@@ -150,15 +150,6 @@ def _nearest(gap: Gap, path: list[tuple[float, float]]) -> float:
         middle = (low + high) / 2
         low, high = (low, middle) if reached(middle) else (middle, high)
     return high
-
-
-def _points(path: list[tuple[float, float]], step: float) -> list[tuple[float, float]]:
-    """Points along a path, at most `step` [m] apart, both ends included."""
-    points = [path[0]]
-    for (ax, ay), (bx, by) in pairwise(path):
-        count = max(1, math.ceil(math.dist((ax, ay), (bx, by)) / step))
-        points += [(ax + k / count * (bx - ax), ay + k / count * (by - ay)) for k in range(1, count + 1)]
-    return points
 
 
 def _slid(path: list[tuple[float, float]], x: float, y: float) -> float:

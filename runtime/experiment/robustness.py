@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from runtime.experiment.contenders import contender
-from runtime.experiment.estimates import Estimate, ratio_over_seeds
 from runtime.experiment.palette import looks
-from runtime.experiment.score import Records, Score, attempts, score, search_times
+from runtime.experiment.score import Row, attempts_ratio, rows_of, seconds_ratio
 from runtime.experiment.study import Choices, Findings, Picture, Results, Table, aim, listed
 from runtime.experiment.trial import Trial, trials
 from runtime.experiment.worlds import WORLDS, world
@@ -22,22 +20,6 @@ YARDSTICK = "spiral"  # the tuned spiral: about the mean of the hole's seats, wi
 AIMED_AT = "bayes"
 AT_MOST = 1.25  # times the yardstick's attempts
 REALISTIC, OFF = "realistic", "off-"
-
-
-@dataclass(frozen=True)
-class Row:
-    """One strategy in one world with one component."""
-
-    world: str
-    component: str
-    strategy: str
-    records: Records
-    score: Score
-
-    @property
-    def hopeless(self) -> bool:
-        """Whether no hole was within the search radius."""
-        return self.score.within == 0
 
 
 class Robustness:
@@ -60,18 +42,13 @@ class Robustness:
             trial
             for name in chosen.worlds
             for component in chosen.components
-            for strategy in dict.fromkeys((YARDSTICK, *chosen.strategies))
+            for strategy in _strategies(chosen)
             for trial in trials(chosen, world(name), component, contender(strategy))
         ]
 
     def findings(self, chosen: Choices, results: Results) -> Findings:
         """One table, one figure, and whether the aim holds in each world."""
-        rows = [
-            self._row(chosen, results, name, component, strategy)
-            for name in chosen.worlds
-            for component in chosen.components
-            for strategy in dict.fromkeys((YARDSTICK, *chosen.strategies))
-        ]
+        rows = rows_of(chosen, results, _strategies(chosen))
         yardsticks = {(row.world, row.component): row for row in rows if row.strategy == YARDSTICK}
         picture = Picture(
             "spiral",
@@ -83,21 +60,18 @@ class Robustness:
             tables=(_table(rows, yardsticks),), figures=(picture,), verdict=tuple(_verdict(rows, yardsticks))
         )
 
-    def _row(self, chosen: Choices, results: Results, name: str, component: str, strategy: str) -> Row:
-        place = world(name)
-        records = [results[trial] for trial in trials(chosen, place, component, contender(strategy))]
-        return Row(name, component, strategy, records, score(records, place.search.radius))
+
+def _strategies(chosen: Choices) -> tuple[str, ...]:
+    """Those chosen, and the yardstick in any case."""
+    return tuple(dict.fromkeys((YARDSTICK, *chosen.strategies)))
 
 
 Yardsticks = dict[tuple[str, str], Row]
 
 
-def _attempts_ratio(row: Row, yardsticks: Yardsticks) -> Estimate:
-    return ratio_over_seeds(attempts(row.records), attempts(yardsticks[row.world, row.component].records))
-
-
-def _seconds_ratio(row: Row, yardsticks: Yardsticks) -> Estimate:
-    return ratio_over_seeds(search_times(row.records), search_times(yardsticks[row.world, row.component].records))
+def _hopeless(row: Row) -> bool:
+    """Whether no hole was within the search radius."""
+    return row.score.within == 0
 
 
 def _table(rows: Sequence[Row], yardsticks: Yardsticks) -> Table:
@@ -126,10 +100,10 @@ def _table(rows: Sequence[Row], yardsticks: Yardsticks) -> Table:
                 row.strategy,
                 row.score.attempts,
                 row.score.attempts_p95,
-                _attempts_ratio(row, yardsticks),
+                attempts_ratio(row, yardsticks[row.world, row.component]),
                 row.score.attempts_per_part,
                 row.score.search_time,
-                _seconds_ratio(row, yardsticks),
+                seconds_ratio(row, yardsticks[row.world, row.component]),
                 row.score.searches,
                 row.score.failed,
                 row.score.within,
@@ -142,20 +116,20 @@ def _table(rows: Sequence[Row], yardsticks: Yardsticks) -> Table:
 
 def _verdict(rows: Sequence[Row], yardsticks: Yardsticks) -> Iterator[str]:
     for row in rows:
-        if not row.strategy.startswith(AIMED_AT) or row.hopeless:
+        if not row.strategy.startswith(AIMED_AT) or _hopeless(row):
             continue
         spiral = yardsticks[row.world, row.component]
         if row.strategy == AIMED_AT:
-            ratio, what = _attempts_ratio(row, yardsticks), "attempts"
+            ratio, what = attempts_ratio(row, spiral), "attempts"
         else:  # a slide tries many places at once; its seconds compare, its attempts do not
-            ratio, what = _seconds_ratio(row, yardsticks), "seconds at the hole"
+            ratio, what = seconds_ratio(row, spiral), "seconds at the hole"
         told = f"{row.world}, {row.component}: {what} of {row.strategy} in multiples of the spiral's"
         yield (
             f"{aim(told, ratio, AT_MOST)} Left unsolved within R: {row.score.unsolved} of {row.score.within}, "
             f"by the spiral {spiral.score.unsolved}."
         )
     for place, yardstick in yardsticks.items():
-        if yardstick.hopeless:
+        if _hopeless(yardstick):
             there = [row for row in rows if (row.world, row.component) == place]
             told = listed(
                 f"{row.strategy} {row.score.attempts} attempts and {row.score.search_time} s" for row in there
@@ -174,7 +148,7 @@ def _draw(figure: Canvas, rows: Sequence[Row], yardsticks: Yardsticks, chosen: C
     for axes, component in zip(grid, chosen.components, strict=True):
         for index, strategy in enumerate(shown):
             there = [row for row in rows if (row.strategy, row.component) == (strategy, component)]
-            ratios = [_seconds_ratio(row, yardsticks) for row in there]
+            ratios = [seconds_ratio(row, yardsticks[row.world, row.component]) for row in there]
             lines = [chosen.worlds.index(row.world) + 0.2 * (index - (len(shown) - 1) / 2) for row in there]
             axes.errorbar(
                 [ratio.value for ratio in ratios],

@@ -13,7 +13,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from runtime.experiment.contenders import contender
 from runtime.experiment.estimates import Estimate, mean_over_seeds, percentile_95, ratio_over_seeds
+from runtime.experiment.study import Choices, Results
+from runtime.experiment.trial import trials
+from runtime.experiment.worlds import world
 from runtime.plugin import SearchRecord
 
 GIVES_UP = 0.95  # share of parts inserted below which few attempts say little
@@ -59,6 +63,39 @@ def score(records: Records, radius: float) -> Score:
         within=len(within),
         unsolved=sum(not search.seated for search in within),
     )
+
+
+@dataclass(frozen=True)
+class Row:
+    """One strategy in one world with one component."""
+
+    world: str
+    component: str
+    strategy: str
+    records: Records
+    score: Score
+
+
+def rows_of(chosen: Choices, results: Results, strategies: Sequence[str]) -> list[Row]:
+    """A row for each world, component and strategy, in this order."""
+    rows = []
+    for name in chosen.worlds:
+        place = world(name)
+        for component in chosen.components:
+            for strategy in strategies:
+                records = [results[trial] for trial in trials(chosen, place, component, contender(strategy))]
+                rows.append(Row(name, component, strategy, records, score(records, place.search.radius)))
+    return rows
+
+
+def attempts_ratio(above: Row, below: Row) -> Estimate:
+    """Attempts of one row over those of another in the same world, seeds paired."""
+    return ratio_over_seeds(attempts(above.records), attempts(below.records))
+
+
+def seconds_ratio(above: Row, below: Row) -> Estimate:
+    """The same for the seconds at the hole."""
+    return ratio_over_seeds(search_times(above.records), search_times(below.records))
 
 
 def attempts(records: Records) -> list[list[float]]:
