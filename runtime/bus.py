@@ -16,8 +16,9 @@ from types import TracebackType
 from typing import Any, Generic, Protocol, Self, TypeVar
 
 from runtime.clock import Stopwatch, pause
+from runtime.declaration import type_name
 from runtime.errors import BusError
-from runtime.messages import PublisherCount, type_name, typestore
+from runtime.messages import PublisherCount, typestore
 from runtime.topics import ReplyT, RequestT, Service, Topic
 
 MessageT = TypeVar("MessageT")

@@ -10,8 +10,9 @@ from typing import Any, Generic
 
 from runtime.bus import Envelope, Inbox, MessageT, Request, check_readable, decode, encode
 from runtime.closing import Closing
+from runtime.declaration import type_name
 from runtime.errors import BusError
-from runtime.messages import PublisherCount, type_name
+from runtime.messages import PublisherCount
 from runtime.topics import ReplyT, RequestT, Service, Topic
 
 

@@ -34,8 +34,9 @@ from zstandard import ZstdError
 
 from runtime.bus import Envelope
 from runtime.closing import Closing
+from runtime.declaration import type_name
 from runtime.errors import LogError
-from runtime.messages import type_name, typestore
+from runtime.messages import typestore
 from runtime.rmw_zenoh import type_hash
 from runtime.topics import Topic, topics
 

@@ -1,24 +1,39 @@
-"""Every message type, declared once and statically typed; the ROS 2 `.msg` text follows from the declaration.
+"""Every message type, declared once and statically typed; `runtime.declaration` says how.
 
-ROS types come from `rosbags`; `palpate_msgs` holds only what ROS has no type for. A field's annotation carries its ROS
-type and its unit, so `definition(Attempt)` is complete `.msg` text. Lengths are metres, angles radians, forces newtons,
-torques newton metres, times seconds. Positions on a board are offsets from the nominal hole, in the frame of the cell's
+ROS types come from `rosbags`; `palpate_msgs` holds only what ROS has no type for. Lengths are metres, angles radians,
+forces newtons, torques newton metres, times seconds. Positions on a board are offsets from the nominal hole, in the frame of the cell's
 base (`base_link`), because the robot knows no other.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, fields, is_dataclass
+from dataclasses import dataclass, field
 from enum import IntEnum
 from functools import cache
-from typing import Annotated, Any, ClassVar, TypeVar, get_args, get_origin, get_type_hints
+from typing import ClassVar
 
-import numpy as np
-from numpy.typing import NDArray
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 from rosbags.typesys.stores import ros2_jazzy as ros
+
+from runtime.declaration import (
+    Bool,
+    Metres,
+    Newtons,
+    Number,
+    Numbers,
+    Radians,
+    Seconds,
+    SquareMetres,
+    Text,
+    UInt8,
+    UInt32,
+    UInt64,
+    declared,
+    definition,
+    message,
+)
 
 Time = ros.builtin_interfaces__msg__Time
 Header = ros.std_msgs__msg__Header
@@ -39,39 +54,6 @@ TFMessage = ros.tf2_msgs__msg__TFMessage
 
 NANOSECONDS = 1_000_000_000
 BASE_FRAME = "base_link"
-
-
-@dataclass(frozen=True)
-class Ros:
-    """The ROS type of a field, with its unit where it has one."""
-
-    type: str
-    unit: str = ""
-
-
-Bool = Annotated[bool, Ros("bool")]
-UInt8 = Annotated[int, Ros("uint8")]
-UInt32 = Annotated[int, Ros("uint32")]
-UInt64 = Annotated[int, Ros("uint64")]
-Text = Annotated[str, Ros("string")]
-Number = Annotated[float, Ros("float64")]
-Metres = Annotated[float, Ros("float64", "m")]
-SquareMetres = Annotated[float, Ros("float64", "m^2")]
-Radians = Annotated[float, Ros("float64", "rad")]
-Seconds = Annotated[float, Ros("float64", "s")]
-Newtons = Annotated[float, Ros("float64", "N")]
-Numbers = Annotated[NDArray[np.float64], Ros("float64[]")]
-
-Message = TypeVar("Message")
-_declared: dict[str, type[Any]] = {}
-
-
-def message(cls: type[Message]) -> type[Message]:
-    """Declare a dataclass as the ROS type `palpate_msgs/msg/<class name>`."""
-    name = f"palpate_msgs/msg/{cls.__name__}"
-    cls.__msgtype__ = name  # type: ignore[attr-defined]
-    _declared[name] = cls
-    return cls
 
 
 class Outcome(IntEnum):
@@ -453,44 +435,11 @@ def header(nanoseconds: int, frame: str = "") -> Header:
     return Header(stamp=stamp_of(nanoseconds), frame_id=frame)
 
 
-def type_name(cls: type[Any]) -> str:
-    """ROS name of a message class, `package/msg/Type`."""
-    return str(cls.__msgtype__)
-
-
-def definition(cls: type[Any]) -> str:
-    """The `.msg` text of a type that palpate declares."""
-    lines = [f"# {line}".rstrip() for line in (cls.__doc__ or "").strip().splitlines()]
-    hints = get_type_hints(cls, include_extras=True)
-    lines += [_field_line(item.name, hints[item.name]) for item in fields(cls)]
-    return "\n".join(lines) + "\n"
-
-
-def _field_line(name: str, hint: Any) -> str:
-    if get_origin(hint) is list:
-        return f"{_nested_name(get_args(hint)[0])}[] {name}"
-    if get_origin(hint) is Annotated:
-        ros_type = next(item for item in get_args(hint) if isinstance(item, Ros))
-        return f"{ros_type.type} {name}" + (f"  # [{ros_type.unit}]" if ros_type.unit else "")
-    return f"{_nested_name(hint)} {name}"
-
-
-def _nested_name(cls: type[Any]) -> str:
-    assert is_dataclass(cls), f"{cls} is no message type"
-    package, _, name = type_name(cls).split("/")
-    return f"{package}/{name}"
-
-
-def declared() -> dict[str, type[Any]]:
-    """Every `palpate_msgs` type by its ROS name."""
-    return dict(_declared)
-
-
 @cache
 def typestore() -> Typestore:
     """ROS 2 Jazzy's types and palpate's own, which decode to the classes of this module."""
     store = get_typestore(Stores.ROS2_JAZZY)
-    for name, cls in _declared.items():
+    for name, cls in declared().items():
         store.register(get_types_from_msg(definition(cls), name))
         store.types[name] = cls
     return store

@@ -13,8 +13,9 @@ from typing import Any
 
 import xxhash
 
+from runtime.declaration import type_name
 from runtime.errors import BusError
-from runtime.messages import type_name, typestore
+from runtime.messages import typestore
 from runtime.topics import Topic
 
 DOMAIN = 0  # ROS_DOMAIN_ID

@@ -14,8 +14,9 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from runtime import messages, rmw_zenoh
 from runtime.bus import decode, encode
+from runtime.declaration import Ros, declared, definition, type_name
 from runtime.errors import BusError
-from runtime.messages import Ros, declared, definition, nanoseconds_of, stamp_of
+from runtime.messages import nanoseconds_of, stamp_of
 from runtime.quantity import UNITS, parse
 from runtime.topics import Topic, topics
 
@@ -69,7 +70,7 @@ def test_the_msg_text_alone_is_enough_for_another_ros_tool(cls: type[Any]) -> No
     foreign = get_typestore(Stores.ROS2_JAZZY)
     for name, each in declared().items():
         foreign.register(get_types_from_msg(definition(each), name))
-    name = messages.type_name(cls)
+    name = type_name(cls)
     assert foreign.hash_rihs01(name) == rmw_zenoh.type_hash(name)
     assert [field.name for field in fields(cls)] == [item[0] for item in foreign.fielddefs[name][1]]
 
@@ -80,13 +81,13 @@ def test_the_map_names_a_type_a_publisher_and_a_meaning_for_every_topic() -> Non
         assert topic.publisher
         assert topic.meaning
         assert topic.rate
-        assert messages.type_name(topic.type) in messages.typestore().fielddefs
+        assert type_name(topic.type) in messages.typestore().fielddefs
 
 
 @pytest.mark.parametrize("topic", topics().values(), ids=lambda topic: topic.name)
 def test_a_key_names_topic_and_type(topic: Topic[Any]) -> None:
     key = rmw_zenoh.key(topic)
-    assert rmw_zenoh.parse_key(key) == (topic.name, messages.type_name(topic.type))
+    assert rmw_zenoh.parse_key(key) == (topic.name, type_name(topic.type))
 
 
 def test_keys_and_tokens_are_spelt_as_rmw_zenoh_does() -> None:
