@@ -1,8 +1,8 @@
 """Every message type, declared once and statically typed; `runtime.declaration` says how.
 
 ROS types come from `rosbags`; `palpate_msgs` holds only what ROS has no type for. Lengths are metres, angles radians,
-forces newtons, torques newton metres, times seconds. Positions on a board are offsets from the nominal hole, in the frame of the cell's
-base (`base_link`), because the robot knows no other.
+forces newtons, torques newton metres, times seconds. Positions on a board are offsets from the nominal hole, in the
+frame of the cell's base (`base_link`), because the robot knows no other.
 """
 
 from __future__ import annotations
