@@ -1,0 +1,79 @@
+"""Arguments of the commands that measure and compare."""
+
+from __future__ import annotations
+
+from runtime.arguments.parser import Commands, add, seconds
+
+EXPERIMENT = """\
+examples:
+  palpate experiment                                           what can be tried
+  palpate experiment compare                                   every strategy in every world, on the statistical model
+  palpate experiment compare --seeds 20 --strategies meta,bayes --worlds realistic
+  palpate experiment compare --physics --seeds 3 --out out     in full MuJoCo physics
+  palpate experiment robustness --executor dask://node1:8786   on a dask cluster
+
+Results are kept in the user's cache: a run that was stopped goes on where it was, and what has not changed
+is not computed again. Tables (CSV, Markdown) and figures (PNG, SVG) go to experiments/NAME or --out DIR."""
+
+
+def add_experiment(commands: Commands) -> None:
+    """palpate experiment."""
+    experiment = add(
+        commands,
+        "experiment",
+        "compare strategies over many simulated worlds",
+        EXPERIMENT,
+        "runtime.commands.experiment:experiment_command",
+    )
+    experiment.add_argument(
+        "name", nargs="?", default="list", metavar="NAME", help="of the experiment; list tells what there is (default)"
+    )
+    experiment.add_argument("--seeds", type=int, metavar="N", help="worlds to draw (default: the experiment's own)")
+    experiment.add_argument("--boards", type=int, metavar="N", help="boards to work through in each (default: 10)")
+    experiment.add_argument(
+        "--physics",
+        action="store_true",
+        help="in full MuJoCo physics instead of the statistical model; a tenth of the seeds unless --seeds says more",
+    )
+    experiment.add_argument("--strategies", metavar="A,B,...", help="instead of the experiment's own")
+    experiment.add_argument("--worlds", metavar="A,B,...", help="instead of the experiment's own")
+    experiment.add_argument("--components", metavar="A,B,...", help="igbt, capacitor")
+    experiment.add_argument("--jobs", type=int, metavar="N", help="processes at once (default: one for each core)")
+    experiment.add_argument(
+        "--executor",
+        default="joblib",
+        metavar="E",
+        help="joblib: this machine (default); dask://HOST:PORT or ray://HOST:PORT: a cluster",
+    )
+    experiment.add_argument("--out", metavar="DIR", help="where tables and figures go (default: experiments/NAME)")
+    experiment.add_argument(
+        "--cache", metavar="DIR", help="where results are kept (default: palpate in the user's cache directory)"
+    )
+
+
+BENCH = """\
+examples:
+  palpate bench sim                               real-time factors of physics, controller and whole cell
+  palpate bench sim --cell capacitor --json figures.json
+  palpate bench robot --seconds 20                packages on time, round trips, late cycles
+  palpate bench plan --strategy bayes,meta        milliseconds of thought before each candidate"""
+
+
+def add_bench(commands: Commands) -> None:
+    """palpate bench."""
+    bench = add(commands, "bench", "measure on this machine", BENCH, "runtime.commands.bench:bench_command")
+    bench.add_argument(
+        "what",
+        choices=("sim", "robot", "plan"),
+        help="sim: real-time factors of physics, controller and whole cell; "
+        "robot: how punctual the simulated controller is for two clients on the network; "
+        "plan: how long strategies think before each candidate",
+    )
+    bench.add_argument(
+        "--seconds", type=seconds, default=60.0, metavar="S", help="robot: how long to measure (default: 60)"
+    )
+    bench.add_argument("--cell", default="igbt", metavar="CELL", help="a cell file or a shipped name (default: igbt)")
+    bench.add_argument("--strategy", metavar="NAME", help="instead of the cell's own; plan: one or more, with commas")
+    bench.add_argument("--seed", type=int, metavar="S", help="instead of the cell's own")
+    bench.add_argument("--port", type=int, metavar="PORT", help="of the cell's Zenoh router (default: 7447)")
+    bench.add_argument("--json", metavar="FILE", help="write the figures there as name: number")
