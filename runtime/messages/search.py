@@ -1,59 +1,26 @@
-"""Every message type, declared once and statically typed; `runtime.declaration` says how.
-
-ROS types come from `rosbags`; `palpate_msgs` holds only what ROS has no type for. Lengths are metres, angles radians,
-forces newtons, torques newton metres, times seconds. Positions on a board are offsets from the nominal hole, in the
-frame of the cell's base (`base_link`), because the robot knows no other.
-"""
+"""What is said in a search: the goal, candidates, attempts, the result, and what is believed about a hole."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
 from enum import IntEnum
-from functools import cache
 from typing import ClassVar
-
-from rosbags.typesys import Stores, get_types_from_msg, get_typestore
-from rosbags.typesys.store import Typestore
-from rosbags.typesys.stores import ros2_jazzy as ros
 
 from runtime.declaration import (
     Bool,
     Metres,
     Newtons,
     Number,
-    Numbers,
-    Radians,
     Seconds,
     SquareMetres,
     Text,
     UInt8,
     UInt32,
     UInt64,
-    declared,
-    definition,
     message,
 )
-
-Time = ros.builtin_interfaces__msg__Time
-Header = ros.std_msgs__msg__Header
-String = ros.std_msgs__msg__String
-Clock = ros.rosgraph_msgs__msg__Clock
-Log = ros.rcl_interfaces__msg__Log
-JointState = ros.sensor_msgs__msg__JointState
-Vector3 = ros.geometry_msgs__msg__Vector3
-Point = ros.geometry_msgs__msg__Point
-Quaternion = ros.geometry_msgs__msg__Quaternion
-Pose = ros.geometry_msgs__msg__Pose
-PoseStamped = ros.geometry_msgs__msg__PoseStamped
-Wrench = ros.geometry_msgs__msg__Wrench
-WrenchStamped = ros.geometry_msgs__msg__WrenchStamped
-Transform = ros.geometry_msgs__msg__Transform
-TransformStamped = ros.geometry_msgs__msg__TransformStamped
-TFMessage = ros.tf2_msgs__msg__TFMessage
-
-NANOSECONDS = 1_000_000_000
-BASE_FRAME = "base_link"
+from runtime.messages.ros import Header, Pose, Wrench
 
 
 class Outcome(IntEnum):
@@ -70,25 +37,6 @@ class Ending(IntEnum):
     INSERTED = 1
     EXHAUSTED = 2  # the budget or the strategy's pattern ran out
     ABORTED = 3
-
-
-class SafetyState(IntEnum):
-    """State of the interlock (names after IEC 61496-1)."""
-
-    LOCKED = 0  # restart interlock: the field is clear, a reset is awaited
-    PERMITTED = 1  # motion is allowed
-    TRIPPED = 2  # the light field is interrupted
-    FAULT = 3  # the two channels disagree for longer than the discrepancy time
-
-
-class Phase(IntEnum):
-    """Phase of a session."""
-
-    STARTING = 0
-    RUNNING = 1
-    DONE = 2
-    CLOSING = 3
-    FAILED = 4
 
 
 @message
@@ -288,158 +236,9 @@ class Belief:
     __msgtype__: ClassVar[str]
 
 
-@message
-@dataclass(frozen=True, slots=True)
-class Ossd:
-    """The light curtain's two output signal switching devices (IEC 61496-1)."""
-
-    header: Header
-    channel_1: Bool  # on: the field is clear
-    channel_2: Bool
-    valid_until: Time  # the curtain vouches for this state up to here
-
-    __msgtype__: ClassVar[str]
-
-
-@message
-@dataclass(frozen=True, slots=True)
-class Reset:
-    """The restart button was pressed and released."""
-
-    header: Header
-    source: Text
-
-    __msgtype__: ClassVar[str]
-
-
-@message
-@dataclass(frozen=True, slots=True)
-class Permit:
-    """The interlock's word on motion. Without one for the present moment the arm stands still."""
-
-    header: Header
-    granted: Bool
-    state: UInt8  # a SafetyState
-    reason: Text
-    valid_until: Time  # the word holds from the header's stamp up to here
-
-    __msgtype__: ClassVar[str]
-
-
-@message
-@dataclass(frozen=True, slots=True)
-class ArmStatus:
-    """State of the arm's controller. Numbers as in UR's RTDE guide."""
-
-    header: Header
-    robot_mode: UInt8  # 7: running
-    safety_mode: UInt8  # 1: normal, 3: protective stop, 5: safeguard stop
-    speed_scaling: Number  # 0..1, 0 while stopped
-    activity: Text  # what the arm is doing, in words
-    holding: Text  # component in the gripper, empty if none
-
-    __msgtype__: ClassVar[str]
-
-
-@message
-@dataclass(frozen=True, slots=True, eq=False)
-class ControlTrace:
-    """Every control cycle of a stretch of session time, row by row; the header has the time after the first one."""
-
-    header: Header
-    period: Seconds  # from cycle to cycle
-    position: Numbers  # (cycles x 6) [rad] measured joint angles
-    target: Numbers  # (cycles x 6) [rad] commanded joint angles
-    wrench: Numbers  # (cycles x 6) [N, Nm] on the tool at the flange, frame tool0, payload compensated
-
-    __msgtype__: ClassVar[str]
-
-
-@message
-@dataclass(frozen=True, slots=True)
-class Truth:
-    """Where hole and pins really are: simulation only, recorded, hidden from everything that decides."""
-
-    header: Header
-    search: UInt32
-    board: UInt32
-    hole: Text
-    hole_x: Metres  # offset of the hole from nominal
-    hole_y: Metres
-    hole_yaw: Radians
-    pin_x: Metres  # offset of the pins from the TCP
-    pin_y: Metres
-    pin_yaw: Radians
-    offset_x: Metres  # where the TCP must go: hole minus pins
-    offset_y: Metres
-
-    __msgtype__: ClassVar[str]
-
-
-@message
-@dataclass(frozen=True, slots=True)
-class SessionState:
-    """Phase of the session; latched."""
-
-    header: Header
-    session: Text
-    phase: UInt8  # a Phase
-    text: Text
-
-    __msgtype__: ClassVar[str]
-
-
-@message
-@dataclass(frozen=True, slots=True)
-class PublisherCount:
-    """How many messages one publisher has sent on one topic: the last word of a plugin that closes."""
-
-    topic: Text
-    sent: UInt64
-
-    __msgtype__: ClassVar[str]
-
-
-@message
-@dataclass(frozen=True, slots=True)
-class PublisherCounts:
-    """All publishers of a closing plugin."""
-
-    header: Header
-    plugin: Text
-    counts: list[PublisherCount]
-
-    __msgtype__: ClassVar[str]
-
-
 def slid_in(attempt: Attempt) -> bool:
     """Whether the pins dropped in on the way of a slide, not where they first touched the board."""
     if not attempt.path or attempt.outcome != Outcome.SEATED:
         return False
     first = attempt.path[0]
     return math.hypot(attempt.x - first.x, attempt.y - first.y) > 1e-9
-
-
-def stamp_of(nanoseconds: int) -> Time:
-    """Session time [ns] as a ROS time."""
-    return Time(sec=nanoseconds // NANOSECONDS, nanosec=nanoseconds % NANOSECONDS)
-
-
-def nanoseconds_of(stamp: Time) -> int:
-    """ROS time as session time [ns]."""
-    return stamp.sec * NANOSECONDS + stamp.nanosec
-
-
-def header(nanoseconds: int, frame: str = "") -> Header:
-    """Header with a session time [ns] and a frame."""
-    return Header(stamp=stamp_of(nanoseconds), frame_id=frame)
-
-
-@cache
-def typestore() -> Typestore:
-    """ROS 2 Jazzy's types and palpate's own, which decode to the classes of this module."""
-    store = get_typestore(Stores.ROS2_JAZZY)
-    for name, cls in declared().items():
-        store.register(get_types_from_msg(definition(cls), name))
-        store.types[name] = cls
-    return store
