@@ -50,7 +50,7 @@ def values_of(hint: Any) -> st.SearchStrategy[Any]:
     return st.builds(
         hint,
         **{
-            name: plain[str(kind)] if str(kind) in plain else values_of(getattr(messages.ros, str(kind)))
+            name: plain[str(kind)] if str(kind) in plain else values_of(getattr(ros, str(kind)))
             for name, kind in hints.items()
         },
     )
