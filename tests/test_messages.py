@@ -11,6 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from rosbags.typesys.stores import ros2_jazzy
 
 from runtime import messages, rmw_zenoh
 from runtime.bus import decode, encode
@@ -50,7 +51,7 @@ def values_of(hint: Any) -> st.SearchStrategy[Any]:
     return st.builds(
         hint,
         **{
-            name: plain[str(kind)] if str(kind) in plain else values_of(getattr(ros, str(kind)))
+            name: plain[str(kind)] if str(kind) in plain else values_of(getattr(ros2_jazzy, str(kind)))
             for name, kind in hints.items()
         },
     )
