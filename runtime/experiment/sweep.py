@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Generator, Sequence
 from contextlib import closing
 from dataclasses import dataclass
@@ -78,7 +79,9 @@ def _run(missing: list[tuple[str, Work[Any]]], jobs: int, where: str) -> Generat
     from joblib import Parallel, delayed
 
     calls = [delayed(_do)(key, piece) for key, piece in missing]
-    with executor(where) as streams:
+    with executor(where) as streams, warnings.catch_warnings():
+        # Whoever stops a sweep knows that some of it was not done.
+        warnings.filterwarnings("ignore", r"\d+ tasks (have been successfully|which were still)", UserWarning)
         if streams:
             yield from Parallel(n_jobs=jobs, return_as="generator_unordered", max_nbytes=None)(calls)
             return
