@@ -227,7 +227,7 @@ def test_a_broken_beam_stops_the_arm_in_that_cycle_and_the_attempt_goes_on(
 
 
 def test_ctrl_c_ends_a_session_in_good_order(palpate: Palpate) -> None:
-    process = palpate.start("launch", "igbt", "--rate", "1.0", "--port", str(palpate.port))
+    process = palpate.start("launch", "igbt", "--rate", "5", "--port", str(palpate.port))
     wait_for_attempt(palpate, process)
     assert len(palpate.processes()) == 8
     process.send_signal(signal.SIGINT)
@@ -254,7 +254,7 @@ def test_ctrl_c_while_starting_leaves_nothing_behind(palpate: Palpate) -> None:
 
 @pytest.mark.parametrize("role", ["strategy", "interlock"])
 def test_a_plugin_that_dies_ends_the_session_with_one_line(palpate: Palpate, role: str) -> None:
-    process = palpate.start("launch", "igbt", "--rate", "1.0", "--port", str(palpate.port))
+    process = palpate.start("launch", "igbt", "--rate", "5", "--port", str(palpate.port))
     wait_for_attempt(palpate, process)
     victims = [pid for pid, text in palpate.processes().items() if role in plugin_role(pid)]
     assert len(victims) == 1
@@ -273,7 +273,7 @@ def plugin_role(pid: int) -> str:
 
 
 def test_the_plugins_end_when_the_launcher_is_killed(palpate: Palpate) -> None:
-    process = palpate.start("launch", "igbt", "--rate", "1.0", "--port", str(palpate.port))
+    process = palpate.start("launch", "igbt", "--rate", "5", "--port", str(palpate.port))
     wait_for_attempt(palpate, process)
     process.kill()
     process.communicate(timeout=PATIENCE)
@@ -284,7 +284,7 @@ def test_the_plugins_end_when_the_launcher_is_killed(palpate: Palpate) -> None:
 
 
 def test_a_second_cell_is_refused_and_the_first_goes_on(palpate: Palpate) -> None:
-    first = palpate.start("launch", "igbt", "--rate", "1.0", "--port", str(palpate.port))
+    first = palpate.start("launch", "igbt", "--rate", "5", "--port", str(palpate.port))
     wait_for_attempt(palpate, first)
     second = palpate.launch("igbt", "--logs", "elsewhere")
     assert second.returncode == 2
