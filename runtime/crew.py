@@ -15,7 +15,7 @@ from typing import IO, Self
 
 from runtime.clock import Stopwatch
 from runtime.errors import SessionError
-from runtime.roles import CLOSING_ORDER, Assignment
+from runtime.roles import CLOSING_ORDER, RECORDER, Assignment
 
 START_TIMEOUT = 120.0  # [s] for all plugins to report; a busy machine imports slowly
 _CRASH = "Fatal Python error: "  # how the trace of a crash begins (faulthandler)
@@ -95,16 +95,23 @@ class Crew:
                 raise SessionError(f"not ready within {START_TIMEOUT:g} s: {', '.join(sorted(missing))}")
 
     def close(self, all_but: str = "") -> None:
-        """End the processes, in order. Raises SessionError for those that had to be killed, once all have ended."""
-        killed = []
+        """End the processes, in order.
+
+        Raises SessionError once all have ended, for those that had to be killed and for a recorder that failed at last.
+        """
+        killed, failed = [], []
         for role in CLOSING_ORDER:
             process = self._processes.get(role)
             if process is not None and role != all_but:
                 del self._processes[role]
                 if not process.end(CLOSE_TIMEOUT):
                     killed.append(role)
+                elif role == RECORDER and process.popen.returncode:
+                    failed.append(f"{role}: {process.last_words}")
         if killed:
-            raise SessionError(f"had to be killed: {', '.join(killed)}")
+            failed.append(f"had to be killed: {', '.join(killed)}")
+        if failed:
+            raise SessionError("; ".join(failed))
 
     def __enter__(self) -> Self:
         return self

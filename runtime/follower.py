@@ -8,6 +8,7 @@ from pathlib import Path
 
 from runtime.bus import Bus, Envelope
 from runtime.clock import Stopwatch
+from runtime.errors import SessionError
 from runtime.messages import NANOSECONDS, Log, Permit, Phase, PublisherCounts, Reset, SearchResult, SessionState, header
 from runtime.roles import LAUNCHER
 from runtime.topics import ATTEMPT, COUNTS, PERMIT, RESET, ROSOUT, SEARCH_RESULT, SESSION
@@ -39,6 +40,19 @@ class Session:
     duration: float = 0.0  # session time [s]
     machine_time: float = 0.0  # [s] from the first permit to the last result
     interrupted: bool = False
+
+    def snapshots(self) -> list[Path]:
+        """The files that a recorder with a memory wrote, oldest first."""
+        found = self.log.parent.glob(f"{self.log.stem}-snapshot-*.mcap")
+        return sorted(found, key=lambda path: (len(path.name), path.name))
+
+
+class FailedSessionError(SessionError):
+    """A session that failed while it ran, with what it left."""
+
+    def __init__(self, reason: str, session: Session) -> None:
+        super().__init__(reason)
+        self.session = session
 
 
 class Follower:
@@ -74,13 +88,19 @@ class Follower:
         self._counts.send(PublisherCounts(header(self._now), LAUNCHER, self._bus.counts()), self._now)
 
     def follow(self) -> None:
-        """Follow the session to its end, or to KeyboardInterrupt, which it notes; then say that it closes."""
+        """Follow the session to its end, or to KeyboardInterrupt, which it notes; then say that it closes or failed."""
         try:
             self._follow_job()
         except KeyboardInterrupt:
             self._session.interrupted = True
-        finally:
-            self._say(Phase.CLOSING, "interrupted" if self._session.interrupted else "closing")
+        except BaseException as error:
+            self.fail(error)
+            raise
+        self._say(Phase.CLOSING, "interrupted" if self._session.interrupted else "closing")
+
+    def fail(self, error: BaseException) -> None:
+        """Say that the session failed, and why."""
+        self._say(Phase.FAILED, str(error) or type(error).__name__)
 
     def _follow_job(self) -> None:
         """Start the job as an operator would, by a reset, and follow it until it is done."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -10,7 +11,7 @@ from runtime import roles
 from runtime.config import cell_of
 from runtime.context import Context
 from runtime.errors import SessionError
-from runtime.follower import Follower, Progress, Session
+from runtime.follower import FailedSessionError, Follower, Progress, Session
 from runtime.host import run
 from runtime.launcher import Order, assignments, check_cell, new_session
 from runtime.local_bus import LocalBus, LocalExchange
@@ -43,20 +44,52 @@ class _Worker:
         self.thread.join(CLOSE_TIMEOUT)
         if self.thread.is_alive():
             raise SessionError(f"{self.assignment.role}: did not end within {CLOSE_TIMEOUT:g} s")
+        if self.assignment.role == roles.RECORDER:
+            self.check()
+
+    def check(self) -> None:
+        """Raise SessionError if the plugin failed."""
+        if self.failure:
+            raise SessionError(f"{self.assignment.role}: {self.failure[0]}") from self.failure[0]
+
+
+def _start(exchange: LocalExchange, names: set[str], check: Callable[[], None]) -> SessionError | None:
+    """Wait until all plugins are ready; why they never will be, if so."""
+    try:
+        while exchange.wait_for(names, 0.2):
+            check()
+    except SessionError as error:
+        return error
+    return None
+
+
+def _close(workers: dict[str, _Worker], follower: Follower) -> None:
+    for role in roles.CLOSING_ORDER:
+        if role == roles.RECORDER:
+            follower.count()
+        if role in workers:
+            workers.pop(role).end()
 
 
 def run_in_process(order: Order, show: Callable[[Progress], None] = lambda _progress: None) -> Session:
     """Like `launcher.launch`, on a bus within this process."""
     check_cell(order.cell_file)
     session = new_session(order.logs)
+    try:
+        _run(order, session, show)
+    except SessionError as error:
+        raise FailedSessionError(str(error), session) from error
+    return session
+
+
+def _run(order: Order, session: Session, show: Callable[[Progress], None]) -> None:
     cell = order.cell_file.cell
     exchange = LocalExchange()
     workers: dict[str, _Worker] = {}
 
     def check() -> None:
         for role, worker in workers.items():
-            if worker.failure:
-                raise SessionError(f"{role}: {worker.failure[0]}") from worker.failure[0]
+            worker.check()
             if not worker.thread.is_alive():
                 raise SessionError(f"{role}: ended before the session did")
 
@@ -65,19 +98,19 @@ def run_in_process(order: Order, show: Callable[[Progress], None] = lambda _prog
             bus = LocalBus(exchange, assignment.role)
             context = Context(assignment.role, bus, cell_of(assignment.document, assignment.where), session.name)
             workers[assignment.role] = _Worker(assignment, context)
-        while exchange.wait_for(set(workers), 0.2):
-            check()
+        failure = _start(exchange, set(workers), check)
         with LocalBus(exchange, roles.LAUNCHER) as bus:
             follower = Follower(bus, check, session, cell.boards * len(cell.board.holes), show)
             try:
+                if failure is not None:
+                    follower.fail(failure)
+                    raise failure
                 follower.follow()
-            finally:
-                for role in roles.CLOSING_ORDER:
-                    if role == roles.RECORDER:
-                        follower.count()
-                    if role in workers:
-                        workers.pop(role).end()
+            except BaseException:
+                with contextlib.suppress(SessionError):  # what failed first is what is told
+                    _close(workers, follower)
+                raise
+            _close(workers, follower)
     finally:
         for worker in workers.values():
             worker.context.stop()
-    return session

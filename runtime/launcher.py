@@ -2,25 +2,29 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import platform
+import re
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from runtime import roles
+from runtime import registry, roles
 from runtime.clock import wall_clock
 from runtime.config import CellFile, redacted, robot_of, scope_of
 from runtime.crew import Crew
-from runtime.errors import InputError
-from runtime.follower import Follower, Progress, Session
+from runtime.errors import InputError, SessionError
+from runtime.follower import FailedSessionError, Follower, Progress, Session
+from runtime.log_split import Split
 from runtime.roles import Assignment
 from runtime.zenoh_bus import ZenohBus, ZenohRouter
 
 PACKAGES = ("palpate", "eclipse-zenoh", "mcap", "mujoco", "numpy", "pin", "rerun-sdk", "rosbags", "scipy")
+_SUFFIX = re.compile(r"(-snapshot-\d+|\.part\d+)?\.mcap.*")  # what follows a session's name in that of a file
 
 
 @dataclass(frozen=True)
@@ -31,34 +35,64 @@ class Order:
     logs: Path
     fresh: bool = False
     viewer: str | None = None  # spawn, web or save; None: nobody watches
+    split: Split | None = None  # when the log goes on in another file
+    snapshot: float | None = None  # [s] of session time that the recorder keeps in memory, instead of writing a log
 
 
 def launch(order: Order, show: Callable[[Progress], None]) -> Session:
     """Run a session to its end. KeyboardInterrupt ends it early, in the same order, and is told by `interrupted`.
 
-    Raises InputError if it cannot begin, SessionError if a plugin fails or messages were lost.
+    Raises InputError if it cannot begin, FailedSessionError if a plugin fails.
     """
-    cell_file = order.cell_file
-    cell = cell_file.cell
-    check_cell(cell_file)
+    check_cell(order.cell_file)
     session = new_session(order.logs)
-    with ZenohRouter(cell.bus.port, cell.bus.domain) as router, Crew() as crew:
+    try:
+        _run(order, session, show)
+    except SessionError as error:
+        raise FailedSessionError(str(error), session) from error
+    return session
+
+
+def _run(order: Order, session: Session, show: Callable[[Progress], None]) -> None:
+    cell = order.cell_file.cell
+    point = order.cell_file.meeting_point
+    with ZenohRouter(point) as router, Crew() as crew:
         try:
             for assignment in assignments(order, session):
                 crew.start(assignment)
-            crew.wait_until_ready(router.wait_for)
-            with ZenohBus(roles.LAUNCHER, cell.bus.port, cell.bus.domain) as bus:
+            failure = _start(crew, router)
+            with ZenohBus(roles.LAUNCHER, point) as bus:
                 follower = Follower(bus, crew.check, session, cell.boards * len(cell.board.holes), show)
                 try:
+                    if failure is not None:
+                        follower.fail(failure)
+                        raise failure
                     follower.follow()
-                finally:
-                    crew.close(all_but=roles.RECORDER)
-                    follower.count()
-                    crew.close()
+                except BaseException:
+                    with contextlib.suppress(SessionError):  # what failed first is what is told
+                        _close(crew, follower)
+                    raise
+                _close(crew, follower)
         except KeyboardInterrupt:
             session.interrupted = True
             crew.close()
-    return session
+
+
+def _start(crew: Crew, router: ZenohRouter) -> SessionError | None:
+    """Wait until all plugins are ready; why they never will be, if so."""
+    try:
+        crew.wait_until_ready(router.wait_for)
+    except SessionError as error:
+        return error
+    return None
+
+
+def _close(crew: Crew, follower: Follower) -> None:
+    try:
+        crew.close(all_but=roles.RECORDER)
+    finally:
+        follower.count()
+        crew.close()
 
 
 def check_cell(cell_file: CellFile) -> None:
@@ -77,9 +111,8 @@ def new_session(logs: Path) -> Session:
             raise PermissionError("not writable")
     except OSError as error:
         raise InputError(f"logs cannot be written to {logs}: {error.strerror or error}; choose --logs DIR") from None
-    name = wall_clock()
-    taken = {path.stem for path in logs.glob("*.mcap")}
-    unused = next(candidate for candidate in _numbered(name) if candidate not in taken)
+    taken = {_SUFFIX.sub("", path.name) for path in logs.glob("*.mcap*")}
+    unused = next(candidate for candidate in _numbered(wall_clock()) if candidate not in taken)
     return Session(unused, logs / f"{unused}.mcap")
 
 
@@ -94,7 +127,7 @@ def _numbered(name: str) -> Iterator[str]:
 def assignments(order: Order, session: Session) -> Iterator[Assignment]:
     """What each plugin of a session is told."""
     cell = order.cell_file.cell
-    document = order.cell_file.document
+    document, point = order.cell_file.document, order.cell_file.meeting_point
     simulated = getattr(robot_of(cell, order.cell_file.name), "simulated", False)
     scope = scope_of(document) if simulated else "real"
     document = {**document, "posterior": {**document.get("posterior", {}), "scope": scope}}
@@ -105,6 +138,8 @@ def assignments(order: Order, session: Session) -> Iterator[Assignment]:
             "path": str(session.log),
             "metadata": _metadata(order, session),
             "attachments": {order.cell_file.name: order.cell_file.text},
+            "split": None if order.split is None else asdict(order.split),
+            "snapshot": order.snapshot,
         },
     }
     crew = [role for role in roles.CLOSING_ORDER if role != roles.VIEWER]
@@ -120,15 +155,18 @@ def assignments(order: Order, session: Session) -> Iterator[Assignment]:
             session=session.name,
             document=redacted(document, role),
             where=order.cell_file.name,
-            port=cell.bus.port,
-            domain=cell.bus.domain,
+            port=point.port,
+            domain=point.domain,
             options=options.get(role, {}),
+            host=point.host,
+            keys="" if point.keys is None else str(point.keys.resolve()),
         )
 
 
 def _metadata(order: Order, session: Session) -> dict[str, dict[str, str]]:
     cell = order.cell_file.cell
     versions = {package: version(package) for package in PACKAGES}
+    versions |= registry.packages([(registry.DRIVERS, cell.robot), (registry.STRATEGIES, cell.strategy)])
     return {
         "palpate.session": {
             "session": session.name,

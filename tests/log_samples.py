@@ -85,6 +85,9 @@ class _World:
         wrench = m.Wrench(m.Vector3(noise[0], noise[1], -force + noise[2]), m.Vector3(*(noise[3:] * 0.05)))
         yield "arm", t.WRENCH, m.WrenchStamped(m.header(self.now, "tool0"), wrench), self.now
         yield "light_curtain", t.OSSD, m.Ossd(stamp, permit, permit, m.stamp_of(self.now + PERIOD)), self.now
+        if self.now % (5 * PERIOD) == 0:
+            strongest = np.array([noise[0], noise[1], -force + noise[2]])
+            yield "arm", t.PEAK_FORCE, m.Float64MultiArray(m.MultiArrayLayout([], 0), strongest), self.now
         state = m.SafetyState.PERMITTED if permit else m.SafetyState.TRIPPED
         reason = "" if permit else "the light field is interrupted"
         yield (
@@ -247,7 +250,7 @@ def record(path: Path, sent: Iterator[Sent] | None = None, **settings: Any) -> i
     exchange = LocalExchange()
     surroundings = context(exchange, "recorder")
     metadata = {"palpate.session": {"session": "20260101-120000", "settings": json.dumps(DOCUMENT)}}
-    recorder = Recorder(path, settings.get("metadata", metadata), {"sample.toml": "component = 'igbt'"})
+    recorder = Recorder(path, **{"metadata": metadata, "attachments": {"sample.toml": "component = 'igbt'"}} | settings)
     failures: list[BaseException] = []
 
     def run() -> None:

@@ -27,7 +27,8 @@ from runtime.context import Context
 from runtime.errors import LogError, SessionError
 from runtime.local_bus import LocalExchange
 from runtime.log_file import open_log
-from runtime.recorder import SUMMARY, LogWriter, Recorder
+from runtime.log_writer import SUMMARY, LogWriter
+from runtime.recorder import Recorder
 from runtime.zenoh_bus import ZenohBus, ZenohRouter
 
 ROSOUT = "rcl_interfaces/msg/Log"
@@ -325,7 +326,7 @@ def test_a_place_that_cannot_be_written_is_named(tmp_path: Path) -> None:
     [
         ("empty.mcap", b"", "is empty"),
         ("text.mcap", b"hello, world", "is no MCAP file"),
-        ("start.mcap", b"\x89MCAP0\r\n", "before its first message"),
+        ("start.mcap", b"\x89MCAP0\r\n", "in its first record"),
     ],
 )
 def test_what_is_no_log_is_refused_in_one_line(tmp_path: Path, name: str, content: bytes, said: str) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from runtime.arguments.parser import Commands, add
+from runtime.arguments.parser import Commands, add, add_meeting_point
 
 LAUNCH = """\
 examples:
@@ -10,6 +10,8 @@ examples:
   palpate launch capacitor --strategy spiral        another cell, another strategy
   palpate launch --boards 10 --fresh                forget what was learnt, then ten boards
   palpate launch my-cell.toml --rate 1.0 --rerun spawn   your own cell, in real time, watched live
+  palpate launch --boards 500 --split 100MB         a log in several files
+  palpate launch --boards 500 --snapshot 30         keep 30 s in memory, write them down when something fails
 
 The log goes to logs/<session>.mcap; what was learnt stays in logs/posterior.sqlite3."""
 
@@ -43,17 +45,52 @@ def add_launch(commands: Commands) -> None:
     )
     launch.add_argument("--fresh", action="store_true", help="forget what was learnt of this board type before")
     launch.add_argument(
-        "--port", type=int, metavar="PORT", help="of the cell's Zenoh router on loopback (default: 7447)"
+        "--port", type=int, metavar="PORT", help="of the cell's Zenoh router (default: that of the cell, or 7447)"
     )
     launch.add_argument(
         "--logs", default="logs", metavar="DIR", help="where logs and the posterior store go (default: logs)"
     )
 
+    recording = launch.add_mutually_exclusive_group()
+    recording.add_argument(
+        "--split",
+        metavar="LIMIT",
+        help="go on in another file at this size (100MB, 1.5GiB) or after this session time (60s, 10min); "
+        "<session>.mcap opens all of them",
+    )
+    recording.add_argument(
+        "--snapshot",
+        metavar="SECONDS",
+        help="write no log, but keep so much session time in memory, and write it to <session>-snapshot-N.mcap when "
+        "`palpate snapshot` asks or something fails: a plugin, an attempt that is aborted, a protective stop, an error",
+    )
     launch.add_argument(
         "--in-process",
         action="store_true",
         help="run all plugins as threads of this process, without Zenoh, where a debugger reaches them",
     )
+
+
+SNAPSHOT = """\
+examples:
+  palpate snapshot                                  of the cell on the default port
+  palpate snapshot --port 7450 --reason "the gripper sounded odd"
+  palpate snapshot --cell my-cell.toml              of a cell with security, or on another machine
+
+The cell must have been started with `palpate launch --snapshot SECONDS`."""
+
+
+def add_snapshot(commands: Commands) -> None:
+    """palpate snapshot."""
+    snapshot = add(
+        commands,
+        "snapshot",
+        "let a running cell write down what it keeps in memory",
+        SNAPSHOT,
+        "runtime.commands.snapshot:snapshot_command",
+    )
+    add_meeting_point(snapshot, "the cell")
+    snapshot.add_argument("--reason", default="", metavar="TEXT", help="why; it is kept in the file")
 
 
 ROBOT = """\

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
+import json
 import logging
 import sys
 from collections.abc import Callable
@@ -15,14 +17,17 @@ from rich.table import Table
 from runtime import config
 from runtime.commands.progress import progress_bar
 from runtime.config import CellFile
-from runtime.errors import InputError, SessionError
-from runtime.follower import Progress, Session
+from runtime.errors import InputError, LogError, SessionError
+from runtime.follower import FailedSessionError, Progress, Session
 from runtime.in_process import run_in_process
 from runtime.launcher import Order, launch
 from runtime.log_file import open_log
+from runtime.log_split import parse_split
+from runtime.log_writer import SUMMARY
 from runtime.messages import NANOSECONDS, Ending
 from runtime.roles import VIEWER
-from runtime.viewer import has_display
+from runtime.snapshot_ring import SNAPSHOT, parse_span
+from runtime.view_target import has_display
 
 Run = Callable[[Order, Callable[[Progress], None]], Session]
 OVERRIDES = ("strategy", "component", "boards", "seed", "rate")
@@ -37,9 +42,21 @@ def launch_command(arguments: argparse.Namespace) -> int:
         overrides["bus"] = {"port": arguments.port}
     cell_file = config.load(arguments.cell, overrides)
     logs = Path(arguments.logs)
-    order = Order(cell_file, logs, arguments.fresh, viewer_mode(arguments.rerun))
+    order = Order(
+        cell_file,
+        logs,
+        arguments.fresh,
+        viewer_mode(arguments.rerun),
+        None if arguments.split is None else parse_split(arguments.split),
+        None if arguments.snapshot is None else parse_span(arguments.snapshot),
+    )
     console = Console()
-    session = _with_bar(order, console, run_in_process if arguments.in_process else launch)
+    try:
+        session = _with_bar(order, console, run_in_process if arguments.in_process else launch)
+    except FailedSessionError as failed:
+        with contextlib.suppress(SessionError, LogError):  # what failed is what is told
+            tell_recording(failed.session, console)
+        raise
     summarise(session, cell_file, console)
     if session.interrupted:
         raise KeyboardInterrupt
@@ -99,21 +116,65 @@ def summarise(session: Session, cell_file: CellFile, console: Console) -> None:
         + (f" in {session.machine_time:.1f} s" if session.machine_time else ""),
         highlight=False,
     )
-    if not session.log.exists():
-        return
     view = session.log.with_suffix(".rrd")
     if view.exists():
         console.print(f"watched in {view}: rerun {view}", highlight=False, soft_wrap=True)
+    tell_recording(session, console)
+
+
+def tell_recording(session: Session, console: Console) -> None:
+    """Print which files were written, or why none. Raises SessionError if messages were lost or a log is not whole."""
+    if session.log.exists():
+        _tell_log(session, console)
+        return
+    snapshots = session.snapshots()
+    for path in snapshots:
+        with open_log(path) as log:
+            told = log.metadata.get(SNAPSHOT, {})
+            console.print(
+                f"snapshot of {log.start / NANOSECONDS:.1f} to {log.end / NANOSECONDS:.1f} s in {path}: "
+                f"{told.get('reason', '')}",
+                highlight=False,
+                markup=False,
+                soft_wrap=True,
+            )
+    if snapshots:
+        _tell_losses(snapshots[-1], console)
+        console.print(f"look at it: palpate view {snapshots[-1]}", highlight=False, soft_wrap=True)
+    else:
+        console.print("no file was written: nothing failed, and nobody asked for a snapshot", highlight=False)
+
+
+def _tell_log(session: Session, console: Console) -> None:
     with open_log(session.log) as log:
-        recording = log.metadata.get("palpate.recording", {})
+        recording = log.metadata.get(SUMMARY, {})
         if not log.complete or not recording:
-            raise SessionError(f"{session.log} was not closed properly; what it holds can still be read")
-        lost = int(recording["lost"])
+            count = sum(topic.count for topic in log.topics)
+            raise SessionError(
+                f"{session.log} was not closed properly; the {count} messages that it holds can be read, "
+                f"and 'palpate recover {session.log}' closes it"
+            )
+        files = f" and {len(log.files) - 1} more files" if len(log.files) > 1 else ""
         console.print(
-            f"recorded {recording['messages']} messages, {lost} lost, in {session.log}\n"
+            f"recorded {recording['messages']} messages, {recording['lost']} lost, in {session.log}{files}\n"
             f"look at it: palpate view {session.log}",
             highlight=False,
             soft_wrap=True,
         )
-        if lost:
-            raise SessionError(f"{lost} messages were lost on the way to the recorder: {recording['lost_topics']}")
+    _tell_losses(session.log, console)
+
+
+def _tell_losses(path: Path, console: Console) -> None:
+    with open_log(path) as log:
+        recording = log.metadata.get(SUMMARY, {})
+    lost: dict[str, int] = json.loads(recording.get("lost_topics", "{}"))
+    if not lost:
+        return
+    table = Table(box=None, pad_edge=False)
+    table.add_column("lost on the way to the recorder")
+    table.add_column("messages", justify="right")
+    for topic, count in lost.items():
+        table.add_row(topic, str(count))
+    console.print(table)
+    what = ", ".join(f"{topic} {count}" for topic, count in lost.items())
+    raise SessionError(f"{sum(lost.values())} messages were lost on the way to the recorder: {what}")

@@ -1,0 +1,47 @@
+"""What was sent against what arrived: the account of a recording."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass, field
+
+from runtime.bus import Inbox
+from runtime.messages import PublisherCount
+from runtime.topics import COUNTS
+
+
+@dataclass
+class Ledger:
+    """What was sent, as far as the publishers said so, against what arrived."""
+
+    inbox: Inbox
+    sent: Counter[str] = field(default_factory=Counter)
+
+    def note(self, counts: list[PublisherCount]) -> None:
+        """Take note of a closing plugin's last word."""
+        for count in counts:
+            self.sent[count.topic] += count.sent
+
+    def accounted(self) -> Counter[str]:
+        """Messages by topic that arrived or are known to be lost. /session/counts is left out: it counts itself not."""
+        total = Counter(dict(list(self.inbox.lost.items())))
+        for (topic, _), number in list(self.inbox.received.items()):
+            total[topic] += number
+        del total[COUNTS.name]
+        return total
+
+    def complete(self) -> bool:
+        """Whether every publisher that was heard of has said its last word and all it sent has arrived."""
+        sent = self.sent.copy()
+        del sent[COUNTS.name]
+        return +sent == +self.accounted()
+
+    def lost(self) -> dict[str, int]:
+        """Messages that never arrived, by topic: gaps in the sequence and what is missing at the end."""
+        lost = Counter(dict(list(self.inbox.lost.items())))
+        lost.update(self.sent - self.accounted())
+        return {topic: number for topic, number in sorted(lost.items()) if number and topic != COUNTS.name}
+
+    def unsigned(self) -> list[str]:
+        """Topics of which some publisher never said how much it sent, so that their end may be missing."""
+        return sorted(self.accounted() - self.sent)
