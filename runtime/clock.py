@@ -14,6 +14,7 @@ from runtime.errors import InputError
 from runtime.messages import NANOSECONDS
 
 MAX_RATE = "max"
+RATES = (0.01, 1000.0)  # least and greatest number that a rate can be
 _OVERDUE = 0.5  # [s] later than that all stood still (a person, a debugger): do not rush to catch up
 _TOO_SHORT = 2e-4  # [s] that is not worth a wait
 
@@ -37,8 +38,10 @@ def parse_rate(text: str) -> float | None:
         rate = float(text)
     except ValueError:
         rate = 0.0
-    if not 0.01 <= rate <= 1000.0:
-        raise InputError(f"rate {text!r} is neither 'max' nor a number from 0.01 to 1000 (1.0 is real time)")
+    if not RATES[0] <= rate <= RATES[1]:
+        raise InputError(
+            f"rate {text!r} is neither 'max' nor a number from {RATES[0]:g} to {RATES[1]:g} (1.0 is real time)"
+        )
     return rate
 
 
@@ -51,17 +54,37 @@ class Pacer:
     _started: float | None = None  # [s] machine time at session time `_origin`
     _origin: int = 0  # [ns]
 
+    def begin(self, stamp: int) -> None:
+        """Let session time `stamp` [ns] be due now."""
+        self._started, self._origin = time.monotonic(), stamp
+
+    def change(self, rate: float | None, stamp: int) -> None:
+        """Go on from session time `stamp` [ns] at another rate."""
+        self.rate = rate
+        self.begin(stamp)
+
+    @property
+    def now(self) -> int:
+        """Session time that is due now [ns]; without a rate, the one that was last due."""
+        if self.rate is None or self._started is None:
+            return self._origin
+        return self._origin + round((time.monotonic() - self._started) * self.rate * NANOSECONDS)
+
+    def left(self, stamp: int) -> float:
+        """Machine time until session time `stamp` [ns] is due [s]; 0 if it is. Does not wait."""
+        if self.rate is None or self._started is None:
+            self.begin(stamp)
+            return 0.0
+        ahead = self._started + (stamp - self._origin) / NANOSECONDS / self.rate - time.monotonic()
+        if ahead < -_OVERDUE:
+            self.begin(stamp)
+        return ahead if ahead > _TOO_SHORT else 0.0
+
     def wait_until(self, stamp: int) -> bool:
         """Wait until session time `stamp` [ns] is due; False if halted."""
-        if self.rate is not None:
-            now = time.monotonic()
-            if self._started is None:
-                self._started, self._origin = now, stamp
-            ahead = self._started + (stamp - self._origin) / NANOSECONDS / self.rate - now
-            if ahead > _TOO_SHORT:
-                self.halt.wait(ahead)
-            elif ahead < -_OVERDUE:
-                self._started, self._origin = now, stamp
+        ahead = self.left(stamp)
+        if ahead:
+            self.halt.wait(ahead)
         return not self.halt.is_set()
 
 
@@ -86,6 +109,10 @@ class Metronome:
         if now - due > _OVERDUE:
             self._due = now + self.period
         return now - due
+
+    def restart(self) -> None:
+        """Let the next beat be now."""
+        self._due = None
 
     @property
     def left(self) -> float:
