@@ -8,7 +8,7 @@ A package offers its own by declaring, in its pyproject.toml:
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, is_dataclass
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
@@ -70,6 +70,12 @@ def driver(name: str, settings: Mapping[str, Any], where: str) -> Driver:
     """A driver with its settings from a table."""
     made: Driver = read(load(DRIVERS, name), settings, f"{where}: drivers.{name}")
     return made
+
+
+def packages(plugins: Iterable[tuple[str, str]]) -> dict[str, str]:
+    """Versions of the packages that plugins (group, name) come from, by name of package."""
+    entries = (_entries(group).get(name) for group, name in plugins)
+    return {entry.dist.name: entry.dist.version for entry in entries if entry is not None and entry.dist is not None}
 
 
 def installed() -> list[Installed]:

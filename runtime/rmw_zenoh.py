@@ -99,9 +99,14 @@ class Attachment:
     @classmethod
     def unpack(cls, data: bytes) -> Attachment:
         """Inverse of `pack`. Raises BusError for bytes that are no attachment."""
-        if len(data) != _ATTACHMENT.size:
-            raise BusError(f"an attachment has {_ATTACHMENT.size} bytes, not {len(data)}")
-        sequence, stamp, length, publisher = _ATTACHMENT.unpack(data)
-        if length != 16:
-            raise BusError(f"a publisher's identity has 16 bytes, not {length}")
-        return cls(sequence, stamp, publisher)
+        return cls(*unpacked(data))
+
+
+def unpacked(data: bytes) -> tuple[int, int, bytes]:
+    """Sequence, stamp [ns] and publisher (16,) of an attachment. Raises BusError for bytes that are none."""
+    if len(data) != _ATTACHMENT.size:
+        raise BusError(f"an attachment has {_ATTACHMENT.size} bytes, not {len(data)}")
+    sequence, stamp, length, publisher = _ATTACHMENT.unpack(data)
+    if length != 16:
+        raise BusError(f"a publisher's identity has 16 bytes, not {length}")
+    return sequence, stamp, publisher

@@ -7,15 +7,12 @@ import re
 import signal
 import subprocess
 import time
-from collections import Counter
 from pathlib import Path
 
 import numpy as np
 import pytest
 from cells import Palpate, cell_text, write_cell
-from log_samples import rerun
 from numpy.typing import NDArray
-from rosbags.highlevel import AnyReader
 
 from runtime import config, topics
 from runtime.bus import Envelope
@@ -296,17 +293,6 @@ def test_a_second_cell_is_refused_and_the_first_goes_on(palpate: Palpate) -> Non
     first.communicate(timeout=PATIENCE)
     check_complete(palpate.logs()[0])
     assert not palpate.processes()
-
-
-def test_other_tools_find_nothing_wrong_with_a_log(tmp_path: Path) -> None:
-    path = run_here(tmp_path, cell_text(holes=1))
-    said = rerun(tmp_path, "mcap", "check", str(path))
-    assert "PROBLEM" not in said
-    assert said.count("/attempt") == 1
-    with AnyReader([path]) as reader:
-        counted = Counter(connection.topic for connection, _, _ in reader.messages())
-    with open_log(path) as log:
-        assert counted == {topic.name: topic.count for topic in log.topics}
 
 
 def test_a_session_in_one_process_is_stopped_and_told_like_any_other(palpate: Palpate) -> None:
