@@ -77,7 +77,9 @@ class Request:
         self.answer(encode(message))
 
 
+BACKLOG = 100_000  # messages that may wait for one who hears everything, before their senders are held up
 _LOOK = 0.02  # [s] between looks for messages that are kept elsewhere
+_GATHERED = 4_000  # items that are gathered at most, so that a flood is worked off while it lasts
 
 
 @dataclass(eq=False)
@@ -86,9 +88,11 @@ class Inbox:
 
     lost: Counter[str] = field(default_factory=Counter)  # messages that never arrived, by topic
     received: Counter[tuple[str, bytes]] = field(default_factory=Counter)  # by topic and publisher
-    _queue: queue.SimpleQueue[Envelope | Request | None] = field(default_factory=queue.SimpleQueue)
+    _queue: queue.SimpleQueue[Any] = field(default_factory=queue.SimpleQueue)
     _last: dict[tuple[str, bytes], int] = field(default_factory=dict)
     _fetch: Callable[[], None] | None = None
+    _read: Callable[[Any], Envelope | None] | None = None
+    _flooded: bool = False  # more was waiting than was gathered last time
 
     def fetch_by(self, fetch: Callable[[], None]) -> None:
         """Let `fetch` put what waits elsewhere whenever this inbox is looked into.
@@ -97,16 +101,39 @@ class Inbox:
         """
         self._fetch = fetch
 
+    def read_by(self, read: Callable[[Any], Envelope | None]) -> Callable[[Any], None]:
+        """A callback for a transport whose samples `read` turns into envelopes, or None, when they are taken.
+
+        It runs no Python: a transport's thread that still holds the interpreter when the plugin's own wakes up costs
+        more than all the rest of a message's way.
+        """
+        self._read = read
+        return self._queue.put
+
     def put(self, item: Envelope | Request) -> None:
         """Called by a bus, from any thread: only counts and enqueues, since a slow callback stalls the transport."""
         if isinstance(item, Envelope):
-            key = (item.topic, item.publisher)
-            expected = self._last.get(key, 0) + 1
-            if item.sequence > expected:
-                self.lost[item.topic] += item.sequence - expected
-            self._last[key] = item.sequence
-            self.received[key] += 1
+            self._count(item)
         self._queue.put(item)
+
+    def _count(self, envelope: Envelope) -> None:
+        key = (envelope.topic, envelope.publisher)
+        sequence, last = envelope.sequence, self._last
+        missing = sequence - last.get(key, 0) - 1
+        if missing > 0:
+            self.lost[envelope.topic] += missing
+        last[key] = sequence
+        self.received[key] += 1
+
+    def _taken(self, item: Any) -> Envelope | Request | None:
+        """What was in the queue, read if the transport left that to do; None for a `wake` and what is unreadable."""
+        if item is None or isinstance(item, (Envelope, Request)):
+            return item
+        assert self._read is not None, "only what it is to read comes unread"
+        envelope = self._read(item)
+        if envelope is not None:
+            self._count(envelope)
+        return envelope
 
     def wake(self) -> None:
         """Make a waiting `receive` return None."""
@@ -121,32 +148,41 @@ class Inbox:
                 self._fetch()
                 wait = _LOOK if timeout is None else min(_LOOK, max(0.0, timeout - watch.seconds))
             try:
-                return self._queue.get(timeout=wait)
+                item = self._queue.get(timeout=wait)
             except queue.Empty:
                 if timeout is not None and watch.seconds >= timeout:
                     return None
+                continue
+            taken = self._taken(item)
+            if taken is not None or item is None:
+                return taken
 
     def poll(self) -> Envelope | Request | None:
         """The next item if one is there."""
         if self._fetch is not None and self._queue.empty():
             self._fetch()
         try:
-            return self._queue.get_nowait()
+            while (item := self._queue.get_nowait()) is not None:
+                if (taken := self._taken(item)) is not None:
+                    return taken
         except queue.Empty:
-            return None
+            pass
+        return None
 
     def gather(self, timeout: float, linger: float) -> list[Envelope | Request]:
-        """All that has come `linger` seconds after the first item; nothing after `timeout` seconds or a `wake`.
+        """What has come `linger` seconds after the first item; nothing after `timeout` seconds or a `wake`.
 
         For those who are in no hurry: to be woken once for many messages costs far less than once for each.
         """
         first = self.receive(timeout)
         if first is None:
             return []
-        pause(linger)
+        if not self._flooded:
+            pause(linger)
         items = [first]
-        while (item := self.poll()) is not None:
+        while len(items) < _GATHERED and (item := self.poll()) is not None:
             items.append(item)
+        self._flooded = len(items) == _GATHERED
         return items
 
     def __len__(self) -> int:
@@ -166,6 +202,11 @@ class Publisher(Protocol, Generic[MessageT_contra]):
         """Publish a message that is CDR already, as a recording holds it."""
         ...
 
+    @property
+    def matched(self) -> bool:
+        """Whether anybody is known to listen."""
+        ...
+
 
 class Bus(Protocol):
     """What every transport offers. One instance belongs to one plugin."""
@@ -178,8 +219,18 @@ class Bus(Protocol):
         """Let messages of these topics arrive in `inbox`. Raises BusError for one that is hidden from the plugin."""
         ...
 
-    def subscribe_all(self) -> None:
-        """Let every message of the cell arrive in `inbox`, hidden ones too. For recorder and viewer."""
+    def subscribe_latest(self, depth: int, *topics: Topic[Any]) -> None:
+        """Keep the last `depth` messages of each topic until the inbox is looked into; older ones cost nothing.
+
+        For who only wants to see how things are: messages of different topics come in no order. Not for latched topics.
+        """
+        ...
+
+    def subscribe_all(self, backlog: int = BACKLOG) -> None:
+        """Let every message of the cell arrive in `inbox`, hidden ones too. For recorder and viewer.
+
+        So many messages may wait before their senders are held up; within one process no sender is.
+        """
         ...
 
     def serve(self, service: Service[Any, Any]) -> None:
@@ -192,6 +243,10 @@ class Bus(Protocol):
 
     def announce(self) -> None:
         """Tell the cell that everything is declared."""
+        ...
+
+    def settle(self) -> None:
+        """Wait until publishers know of all who had subscribed by now."""
         ...
 
     def counts(self) -> list[PublisherCount]:

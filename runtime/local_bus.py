@@ -5,10 +5,11 @@ from __future__ import annotations
 import hashlib
 import queue
 import threading
+from collections import deque
 from dataclasses import dataclass, field
 from typing import Any, Generic
 
-from runtime.bus import Envelope, Inbox, MessageT, Request, check_readable, decode, encode
+from runtime.bus import BACKLOG, Envelope, Inbox, MessageT, Request, check_readable, decode, encode
 from runtime.closing import Closing
 from runtime.declaration import type_name
 from runtime.errors import BusError
@@ -16,12 +17,22 @@ from runtime.messages import PublisherCount
 from runtime.topics import ReplyT, RequestT, Service, Topic
 
 
+@dataclass(eq=False)
+class _Ring:
+    """The latest messages of a topic."""
+
+    kept: deque[Envelope]
+
+    def put(self, item: Envelope) -> None:
+        self.kept.append(item)
+
+
 @dataclass
 class LocalExchange:
     """Where the buses of one process meet."""
 
     lock: threading.Lock = field(default_factory=threading.Lock)
-    subscribers: dict[str, list[Inbox]] = field(default_factory=dict)
+    subscribers: dict[str, list[Inbox | _Ring]] = field(default_factory=dict)
     everything: list[Inbox] = field(default_factory=list)
     servers: dict[str, Inbox] = field(default_factory=dict)
     latched: dict[tuple[str, bytes], Envelope] = field(default_factory=dict)
@@ -35,6 +46,11 @@ class LocalExchange:
                 self.latched[envelope.topic, envelope.publisher] = envelope
             for inbox in (*self.subscribers.get(envelope.topic, ()), *self.everything):
                 inbox.put(envelope)
+
+    def listened(self, name: str) -> bool:
+        """Whether anybody subscribed to a topic."""
+        with self.lock:
+            return bool(self.subscribers.get(name) or self.everything)
 
     def wait_for(self, roles: set[str], timeout: float) -> set[str]:
         """Wait until these roles have announced themselves; return those that have not."""
@@ -63,6 +79,11 @@ class LocalPublisher(Generic[MessageT]):
         envelope = Envelope(self.topic.name, self._type, payload, stamp, self.sent, self._identity)
         self._exchange.deliver(envelope, self.topic.latched)
 
+    @property
+    def matched(self) -> bool:
+        """Whether anybody listens."""
+        return self._exchange.listened(self.topic.name)
+
 
 class LocalBus(Closing):
     """One plugin's access to a LocalExchange."""
@@ -72,6 +93,7 @@ class LocalBus(Closing):
         self._exchange = exchange
         self._role = role
         self._publishers: dict[str, LocalPublisher[Any]] = {}
+        self._rings: list[_Ring] = []
 
     def publisher(self, topic: Topic[MessageT]) -> LocalPublisher[MessageT]:
         """Declare that this plugin publishes `topic`."""
@@ -90,7 +112,22 @@ class LocalBus(Closing):
                     if name == topic.name:
                         self.inbox.put(envelope)
 
-    def subscribe_all(self) -> None:
+    def subscribe_latest(self, depth: int, *topics: Topic[Any]) -> None:
+        """Keep the last `depth` messages of each topic until the inbox is looked into."""
+        for topic in topics:
+            check_readable(self._role, topic)
+            ring = _Ring(deque(maxlen=depth))
+            self._rings.append(ring)
+            with self._exchange.lock:
+                self._exchange.subscribers.setdefault(topic.name, []).append(ring)
+        self.inbox.fetch_by(self._fetch_latest)
+
+    def _fetch_latest(self) -> None:
+        for ring in self._rings:
+            while ring.kept:
+                self.inbox.put(ring.kept.popleft())
+
+    def subscribe_all(self, backlog: int = BACKLOG) -> None:  # noqa: ARG002 - the inbox takes any number
         """Let every message arrive in `inbox`."""
         with self._exchange.lock:
             self._exchange.everything.append(self.inbox)
@@ -121,6 +158,9 @@ class LocalBus(Closing):
             self._exchange.present.add(self._role)
             self._exchange.arrivals.notify_all()
 
+    def settle(self) -> None:
+        """Publishers know at once."""
+
     def counts(self) -> list[PublisherCount]:
         """What was published so far."""
         return [PublisherCount(name, publisher.sent) for name, publisher in sorted(self._publishers.items())]
@@ -128,8 +168,9 @@ class LocalBus(Closing):
     def close(self) -> None:
         """Leave the exchange."""
         with self._exchange.lock:
-            for inboxes in (*self._exchange.subscribers.values(), self._exchange.everything):
-                while self.inbox in inboxes:
-                    inboxes.remove(self.inbox)
+            for receivers in self._exchange.subscribers.values():
+                receivers[:] = [item for item in receivers if item is not self.inbox and item not in self._rings]
+            while self.inbox in self._exchange.everything:
+                self._exchange.everything.remove(self.inbox)
             for name in [name for name, inbox in self._exchange.servers.items() if inbox is self.inbox]:
                 del self._exchange.servers[name]

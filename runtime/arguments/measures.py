@@ -56,7 +56,9 @@ examples:
   palpate bench sim                               real-time factors of physics, controller and whole cell
   palpate bench sim --cell capacitor --json figures.json
   palpate bench robot --seconds 20                packages on time, round trips, late cycles
-  palpate bench plan --strategy bayes,meta        milliseconds of thought before each candidate"""
+  palpate bench plan --strategy bayes,meta        milliseconds of thought before each candidate
+  palpate bench bus --seconds 20                  round trips and floods beside raw Zenoh, pyzmq and ROS 2
+  palpate bench log --log logs/x.mcap             messages recorded per second, and how soon a log can be seen"""
 
 
 def add_bench(commands: Commands) -> None:
@@ -64,16 +66,30 @@ def add_bench(commands: Commands) -> None:
     bench = add(commands, "bench", "measure on this machine", BENCH, "runtime.commands.bench:bench_command")
     bench.add_argument(
         "what",
-        choices=("sim", "robot", "plan"),
+        choices=("sim", "robot", "plan", "bus", "log"),
         help="sim: real-time factors of physics, controller and whole cell; "
         "robot: how punctual the simulated controller is for two clients on the network; "
-        "plan: how long strategies think before each candidate",
+        "plan: how long strategies think before each candidate; "
+        "bus: round trips and floods, beside raw Zenoh and what else is installed; "
+        "log: messages recorded per second, beside other writers",
     )
     bench.add_argument(
-        "--seconds", type=seconds, default=60.0, metavar="S", help="robot: how long to measure (default: 60)"
+        "--seconds",
+        type=seconds,
+        default=60.0,
+        metavar="S",
+        help="robot: how long to measure; bus, log: about how long, as it scales the number of messages (default: 60)",
     )
+    bench.add_argument(
+        "--messages",
+        type=int,
+        metavar="N",
+        help="bus, log: how many each contender sends or writes (default: 100000 in 60 s)",
+    )
+    bench.add_argument("--contenders", metavar="A,B,...", help="bus, log: only these (default: all that are installed)")
+    bench.add_argument("--log", metavar="LOG", help="log: also measure how soon this log can be seen in Rerun")
     bench.add_argument("--cell", default="igbt", metavar="CELL", help="a cell file or a shipped name (default: igbt)")
     bench.add_argument("--strategy", metavar="NAME", help="instead of the cell's own; plan: one or more, with commas")
     bench.add_argument("--seed", type=int, metavar="S", help="instead of the cell's own")
-    bench.add_argument("--port", type=int, metavar="PORT", help="of the cell's Zenoh router (default: 7447)")
+    bench.add_argument("--port", type=int, metavar="PORT", help="of the Zenoh router (sim: 7447, bus: a free one)")
     bench.add_argument("--json", metavar="FILE", help="write the figures there as name: number")

@@ -20,7 +20,10 @@ from runtime.plugin import BareRun, Punctuality
 
 def bench_command(arguments: argparse.Namespace) -> int:
     """Measure, print a table, write the figures where asked."""
-    figures = {"sim": bench_sim, "robot": bench_robot, "plan": bench_plan}[arguments.what](arguments)
+    from runtime.commands.bench_bus import bench_bus, bench_log
+
+    benches = {"sim": bench_sim, "robot": bench_robot, "plan": bench_plan, "bus": bench_bus, "log": bench_log}
+    figures = benches[arguments.what](arguments)
     if arguments.json:
         try:
             Path(arguments.json).write_text(json.dumps(figures, indent=2) + "\n", encoding="utf-8")
