@@ -2,102 +2,97 @@
 
 Evidence is only ever added. A board type's evidence is kept apart by `scope`, the world it was gathered in ("real",
 "sim-seed-7"): simulated boards with other seeds are other boards, and no simulated one is a real one.
+
+What is forgotten stays in the file and counts no more. So a copy of it that comes back, from a file or from another
+cell, is recognised and does not count either, until somebody recalls it. Forgetting travels like evidence does: of two
+stores that exchange what they know (`digest`, `lacking`, `add`) both end up with the same.
 """
 
 from __future__ import annotations
 
 import json
-import math
 import sqlite3
 import threading
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from runtime.clock import wall_nanoseconds
 from runtime.closing import Closing
 from runtime.errors import InputError, SessionError
-from runtime.messages import Attempt, Ending, Miss, Outcome, SearchResult, Seat, Waypoint, slid_in
-
-SCHEMA_VERSION = 2
-_APPLICATION_ID = 0x70616C70  # "palp": tells this file from other programs' databases
-_BUSY = 5.0  # [s] to wait for another connection's write
-
-_SCHEMA = """
-CREATE TABLE search (
-    id INTEGER PRIMARY KEY AUTOINCREMENT,  -- in order of arrival
-    scope TEXT NOT NULL,
-    board_type TEXT NOT NULL,
-    session TEXT NOT NULL,
-    search INTEGER NOT NULL,
-    board INTEGER NOT NULL,
-    hole TEXT NOT NULL,
-    component TEXT NOT NULL,
-    ending INTEGER NOT NULL,
-    x REAL, y REAL,                -- [m] candidate that succeeded; null: not a number
-    seated_x REAL, seated_y REAL,  -- [m]
-    slid INTEGER NOT NULL DEFAULT 0,  -- whether the pins dropped in on the way of a slide
-    UNIQUE (scope, session, search)
-);
-CREATE INDEX search_by_component ON search (scope, board_type, component, id);
-CREATE TABLE attempt (
-    search_id INTEGER NOT NULL REFERENCES search (id) ON DELETE CASCADE,
-    number INTEGER NOT NULL,
-    x REAL, y REAL,  -- [m]
-    outcome INTEGER NOT NULL,
-    path TEXT,       -- [[x, y], ...] [m] of a slide, JSON; null: a peck
-    PRIMARY KEY (search_id, number)
-) WITHOUT ROWID;
-"""
-_MIGRATIONS = {  # from each older version to the next
-    1: ("ALTER TABLE attempt ADD COLUMN path TEXT", "ALTER TABLE search ADD COLUMN slid INTEGER NOT NULL DEFAULT 0"),
-}
+from runtime.evidence import Evidence, evidence_of
+from runtime.evidence_digest import Digest, Run
+from runtime.messages import Attempt, Ending, Miss, Outcome, SearchResult, Seat, Waypoint
+from runtime.posterior_file import (
+    COUNTS,
+    IN_ORDER,
+    LIFE,
+    Access,
+    DamagedError,
+    failure,
+    open_file,
+    path_text,
+    points_of,
+    read_evidence,
+)
 
 
 @dataclass(frozen=True, slots=True)
-class Tried:
-    """One attempt of an earlier search: failures are evidence too."""
+class Merge:
+    """What came of adding evidence from elsewhere."""
 
-    session: str
-    search: int
-    board: int
-    hole: str
-    number: int  # within the search, from 1
-    x: float  # [m] commanded offset from nominal
-    y: float  # [m]
-    outcome: Outcome
-    path: tuple[tuple[float, float], ...] = ()  # [m] slid along; none: a peck
+    added: int  # pieces that were new here
+    known: int  # that were here already
+    turned: int  # known ones that the giver had forgotten or recalled since
+    forgotten: int  # pieces given that do not count here now
+    conflicts: tuple[Evidence, ...]  # left out: other content under an identity that is taken
+
+
+@dataclass(frozen=True, slots=True)
+class Holding:
+    """What a store holds of one component in one board type in one world."""
+
+    board_type: str
+    component: str
+    scope: str
+    searches: int
+    inserted: int
+    exhausted: int
+    aborted: int
+    sessions: int
+    first: int  # [ns] since 1970, time of recording
+    last: int  # [ns]
+    forgotten: int  # searches beside those counted above
 
 
 class PosteriorStore(Closing):
-    """Evidence about holes in one SQLite file, opened by the one process that owns it; safe from any of its threads.
+    """Evidence about holes in one SQLite file, or in memory for the path ":memory:". Safe from any thread.
 
-    What `record` has returned from survives the death of the process and of the machine (write-ahead log, synced at
-    each commit). A damaged file is renamed and a fresh one begun; `set_aside` then names the old one.
+    What `record` and `add` have returned from survives the death of the process and of the machine (write-ahead log,
+    synced at each commit). Opened by a cell (`Access.OWN`), a damaged file is renamed and a fresh one begun;
+    `set_aside` then names the old one.
 
     Raises InputError if the path cannot be a store: a directory, another program's database, a newer palpate's file.
-    Raises SessionError if the file fails in use: locked, read-only, disk full.
+    Raises SessionError if the file fails in use: locked, read-only, disk full; or is damaged and access is not OWN.
     """
 
-    def __init__(self, path: str | Path) -> None:
+    def __init__(self, path: str | Path, access: Access = Access.OWN) -> None:
         self._path = Path(path)
         self._name = self._path.name
         self._lock = threading.Lock()
         self.set_aside: Path | None = None  # where a damaged file was moved to, if one was found
-        if self._path.is_dir():
-            raise InputError(f"posterior store {self._name}: this is a directory; name a file in it")
         try:
-            self._path.parent.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise InputError(
-                f"posterior store {self._name}: its directory cannot be made ({error.strerror}); choose another place"
-            ) from error
-        try:
-            self._connection = self._open()
-        except _DamagedError:
+            self._connection = open_file(self._path, access)
+        except DamagedError as damage:
+            if access is not Access.OWN:
+                raise SessionError(
+                    f"posterior store {self._name}: damaged, or no store at all ({damage}); a session sets it aside"
+                    " and begins anew"
+                ) from damage
             self.set_aside = self._move_aside()
-            self._connection = self._open()
+            self._connection = open_file(self._path, access)
 
     def record(
         self, board_type: str, result: SearchResult, session: str, attempts: Sequence[Attempt], *, scope: str
@@ -105,46 +100,21 @@ class PosteriorStore(Closing):
         """Store how a search ended and all its attempts; durable on return.
 
         A search already stored under the same session and number stays as it is: False. InputError if an attempt
-        belongs to another search.
+        belongs to another search. The time of recording is the machine's, but later than that of all evidence held:
+        a clock set back changes no order, nor does one that differs between cells.
         """
-        strangers = sorted({attempt.search for attempt in attempts if attempt.search != result.search})
-        if strangers:
-            raise InputError(f"search {result.search} cannot store attempts of search {strangers[0]}")
-        row = (
-            scope,
-            board_type,
-            session,
-            result.search,
-            result.board,
-            result.hole,
-            result.component,
-            int(result.ending),
-            *map(_null, (result.x, result.y, result.seated_x, result.seated_y)),
-            any(slid_in(attempt) for attempt in attempts),
-        )
+        fresh = evidence_of(board_type, result, session, attempts, scope=scope, recorded_at=wall_nanoseconds())
         with self._transaction() as connection:
-            added = connection.execute(
-                "INSERT INTO search (scope, board_type, session, search, board, hole, component, ending,"
-                " x, y, seated_x, seated_y, slid) VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)"
-                " ON CONFLICT (scope, session, search) DO NOTHING",
-                row,
-            )
-            if added.rowcount == 0:
-                return False
-            connection.executemany(
-                "INSERT INTO attempt (search_id, number, x, y, outcome, path) VALUES (?, ?, ?, ?, ?, ?)",
-                [
-                    (added.lastrowid, item.number, _null(item.x), _null(item.y), int(item.outcome), _path_text(item))
-                    for item in attempts
-                ],
-            )
-        return True
+            newest = connection.execute("SELECT max(recorded_at) FROM search").fetchone()[0]
+            if newest is not None and newest >= fresh.recorded_at:
+                fresh = replace(fresh, recorded_at=newest + 1)
+            return _insert(connection, fresh)
 
     def seats(self, board_type: str, component: str, *, scope: str) -> list[Seat]:
         """Every insertion of this component into boards of this type, oldest first."""
         rows = self._read(
-            "SELECT session, board, hole, x, y, seated_x, seated_y, slid FROM search"
-            " WHERE scope = ? AND board_type = ? AND component = ? AND ending = ? ORDER BY id",
+            "SELECT session, board, hole, x, y, seated_x, seated_y, slid FROM search WHERE scope = ?"
+            f" AND board_type = ? AND component = ? AND ending = ? AND {COUNTS} ORDER BY {IN_ORDER}",
             (scope, board_type, component, int(Ending.INSERTED)),
         )
         return [
@@ -152,101 +122,119 @@ class PosteriorStore(Closing):
             for session, board, hole, x, y, seated_x, seated_y, slid in rows
         ]
 
-    def attempts(self, board_type: str, component: str, *, scope: str) -> list[Tried]:
-        """Every attempt of every search, failed ones included, oldest first."""
-        rows = self._read(
-            "SELECT session, search, board, hole, number, attempt.x, attempt.y, outcome, path"
-            " FROM search JOIN attempt ON search_id = id"
-            " WHERE scope = ? AND board_type = ? AND component = ? ORDER BY id, number",
-            (scope, board_type, component),
-        )
-        return [
-            Tried(session, search, board, hole, number, _number(x), _number(y), Outcome(outcome), _path(path))
-            for session, search, board, hole, number, x, y, outcome, path in rows
-        ]
-
     def misses(self, board_type: str, component: str, *, scope: str) -> list[Miss]:
         """Every attempt that was blocked, oldest first."""
         rows = self._read(
-            "SELECT board, hole, attempt.x, attempt.y, path FROM search JOIN attempt ON search_id = id"
-            " WHERE scope = ? AND board_type = ? AND component = ? AND outcome = ? ORDER BY id, number",
+            "SELECT board, hole, attempt.x, attempt.y, path FROM search JOIN attempt ON search_id = id WHERE scope = ?"
+            f" AND board_type = ? AND component = ? AND outcome = ? AND {COUNTS} ORDER BY {IN_ORDER}, number",
             (scope, board_type, component, int(Outcome.BLOCKED)),
         )
         return [
-            Miss(board, hole, [Waypoint(*point) for point in _path(path) or ((_number(x), _number(y)),)])
+            Miss(board, hole, [Waypoint(*point) for point in points_of(path) or ((_number(x), _number(y)),)])
             for board, hole, x, y, path in rows
         ]
 
-    def forget(self, board_type: str | None = None, *, scope: str | None = None) -> int:
-        """Delete the evidence of a board type, or of all, in one scope or all; how many searches that was."""
+    def evidence(
+        self,
+        board_type: str | None = None,
+        component: str | None = None,
+        *,
+        scope: str | None = None,
+        forgotten: bool = False,
+    ) -> list[Evidence]:
+        """All evidence of a board type, component and scope, or of any of them; oldest first.
+
+        With `forgotten`, also that which counts no more.
+        """
+        condition = (
+            "(?1 IS NULL OR board_type = ?1) AND (?2 IS NULL OR component = ?2) AND (?3 IS NULL OR scope = ?3)"
+            f" AND (?4 OR {COUNTS})"
+        )
+        with self._reading() as connection:
+            return read_evidence(connection, condition, (board_type, component, scope, forgotten))
+
+    def holdings(self) -> list[Holding]:
+        """What there is, by board type, component and scope."""
+        counted = ", ".join(f"sum(counts AND ending = {int(ending)})" for ending in Ending)
+        rows = self._read(
+            f"SELECT board_type, component, scope, sum(counts), {counted},"
+            " count(DISTINCT CASE WHEN counts THEN session END), min(recorded_at), max(recorded_at), sum(NOT counts)"
+            f" FROM (SELECT *, {COUNTS} AS counts FROM search)"
+            " GROUP BY board_type, component, scope ORDER BY board_type, component, scope",
+            (),
+        )
+        return [Holding(*row) for row in rows]
+
+    def add(self, evidence: Iterable[Evidence], *, all_or_none: bool = False) -> Merge:
+        """Take over evidence from elsewhere; durable on return. Adding it again changes nothing.
+
+        What has other content than the evidence held under its identity is left out and reported; with `all_or_none`
+        it raises InputError, and nothing is added.
+        """
+        added = known = turned = forgotten = 0
+        conflicts = []
         with self._transaction() as connection:
-            return connection.execute(
-                "DELETE FROM search WHERE (?1 IS NULL OR board_type = ?1) AND (?2 IS NULL OR scope = ?2)",
-                (board_type, scope),
-            ).rowcount
+            for given in evidence:
+                held = _held(connection, given)
+                if held is None:
+                    _insert(connection, given)
+                    added += 1
+                elif replace(held, life=given.life) == given:
+                    known += 1
+                    turned += given.life > held.life
+                    _turn(connection, given, since=held.life)
+                else:
+                    conflicts.append(given)
+                    continue
+                forgotten += max(given.life, held.life if held else 1) % 2 == 0
+            if conflicts and all_or_none:
+                raise InputError(
+                    f"search {conflicts[0].search} of session {conflicts[0].session} ({conflicts[0].scope}) is in"
+                    f" {self._name} with other content; {len(conflicts)} such in all"
+                )
+        return Merge(added, known, turned, forgotten, tuple(conflicts))
+
+    def digest(self) -> Digest:
+        """What is known here, forgotten evidence included, in brief."""
+        rows = self._read(
+            "SELECT scope, session, min(search), max(search), life FROM ("
+            " SELECT scope, session, search, life,"
+            " search - row_number() OVER (PARTITION BY scope, session, life ORDER BY search) AS run"
+            f" FROM (SELECT scope, session, search, {LIFE} AS life FROM search)"
+            ") GROUP BY scope, session, life, run",
+            (),
+        )
+        return Digest(Run(*row) for row in rows)
+
+    def lacking(self, digest: Digest, most: int | None = None) -> list[Evidence]:
+        """What another store lacks, or has not yet forgotten or recalled, by its digest: the oldest `most` of it."""
+        with self._reading() as connection:
+            rows = connection.execute(
+                f"SELECT id, scope, session, search, {LIFE} FROM search ORDER BY {IN_ORDER}"
+            ).fetchall()
+            wanted = [number for number, *identity, life in rows if digest.life(*identity) < life][:most]
+            return read_evidence(connection, "id IN (SELECT value FROM json_each(?))", (json.dumps(wanted),))
+
+    def forget(self, board_type: str | None = None, *, scope: str | None = None) -> int:
+        """Let the evidence of a board type, or of all, in one scope or all, count no more; how many searches."""
+        return self._turn_all(1, board_type, scope)
+
+    def recall(self, board_type: str | None = None, *, scope: str | None = None) -> int:
+        """Let forgotten evidence count again; how many searches."""
+        return self._turn_all(0, board_type, scope)
 
     def close(self) -> None:
         """Close the file; closing twice is harmless."""
         with self._lock:
             self._connection.close()
 
-    def _open(self) -> sqlite3.Connection:
-        connection: sqlite3.Connection | None = None
-        try:
-            connection = sqlite3.connect(self._path, timeout=_BUSY, isolation_level=None, check_same_thread=False)
-            self._prepare(connection)
-        except BaseException as error:
-            if connection is not None:
-                connection.close()
-            if _is_damage(error):
-                raise _DamagedError from error
-            if isinstance(error, sqlite3.Error):
-                raise self._failure(error) from error
-            raise
-        return connection
-
-    def _prepare(self, connection: sqlite3.Connection) -> None:
-        application = connection.execute("PRAGMA application_id").fetchone()[0]
-        version = connection.execute("PRAGMA user_version").fetchone()[0]
-        foreign = (
-            connection.execute("SELECT count(*) FROM sqlite_master").fetchone()[0] and application != _APPLICATION_ID
-        )
-        if foreign:
-            raise InputError(f"posterior store {self._name}: this is another program's database; name another file")
-        if version > SCHEMA_VERSION:
-            raise InputError(
-                f"posterior store {self._name}: written by a newer palpate (format {version}, this one reads"
-                f" {SCHEMA_VERSION}); update palpate or name another file"
-            )
-        damage = connection.execute("PRAGMA quick_check(1)").fetchone()[0]
-        if damage != "ok":
-            raise _DamagedError(damage)
-        connection.execute("PRAGMA journal_mode = WAL").fetchone()
-        connection.execute("PRAGMA synchronous = FULL")
-        connection.execute("PRAGMA foreign_keys = ON")
-        if version == 0:
-            self._create(connection)
-        elif version < SCHEMA_VERSION:
-            self._migrate(connection)
-
-    def _create(self, connection: sqlite3.Connection) -> None:
-        connection.execute("BEGIN IMMEDIATE")
-        if connection.execute("PRAGMA user_version").fetchone()[0] == 0:  # nobody was faster
-            for statement in _SCHEMA.split(";\n"):
-                if statement.strip():
-                    connection.execute(statement)
-            connection.execute(f"PRAGMA application_id = {_APPLICATION_ID}")
-            connection.execute(f"PRAGMA user_version = {SCHEMA_VERSION}")
-        connection.execute("COMMIT")
-
-    def _migrate(self, connection: sqlite3.Connection) -> None:
-        connection.execute("BEGIN IMMEDIATE")
-        version = connection.execute("PRAGMA user_version").fetchone()[0]  # somebody may have been faster
-        for step in range(version, SCHEMA_VERSION):
-            for statement in _MIGRATIONS[step]:
-                connection.execute(statement)
-        connection.execute(f"PRAGMA user_version = {SCHEMA_VERSION}")
-        connection.execute("COMMIT")
+    def _turn_all(self, parity: int, board_type: str | None, scope: str | None) -> int:
+        with self._transaction() as connection:
+            return connection.execute(
+                f"INSERT INTO turn (search_id, life) SELECT id, 1 + {LIFE} FROM search"
+                f" WHERE (?1 IS NULL OR board_type = ?1) AND (?2 IS NULL OR scope = ?2) AND {LIFE} % 2 = ?3",
+                (board_type, scope, parity),
+            ).rowcount
 
     def _move_aside(self) -> Path:
         number = 1
@@ -265,6 +253,19 @@ class PosteriorStore(Closing):
         return target
 
     @contextmanager
+    def _reading(self) -> Iterator[sqlite3.Connection]:
+        with self._lock:
+            try:
+                self._connection.execute("BEGIN")
+                try:
+                    yield self._connection
+                finally:
+                    if self._connection.in_transaction:
+                        self._connection.execute("ROLLBACK")
+            except sqlite3.Error as error:
+                raise failure(self._name, error) from error
+
+    @contextmanager
     def _transaction(self) -> Iterator[sqlite3.Connection]:
         with self._lock:
             try:
@@ -277,53 +278,63 @@ class PosteriorStore(Closing):
                         self._connection.execute("ROLLBACK")
                     raise
             except sqlite3.Error as error:
-                raise self._failure(error) from error
+                raise failure(self._name, error) from error
 
     def _read(self, query: str, values: tuple[object, ...]) -> list[tuple[Any, ...]]:
-        with self._lock:
-            try:
-                rows: list[tuple[Any, ...]] = self._connection.execute(query, values).fetchall()
-            except sqlite3.Error as error:
-                raise self._failure(error) from error
-        return rows
+        with self._reading() as connection:
+            return connection.execute(query, values).fetchall()
 
-    def _failure(self, error: sqlite3.Error) -> SessionError | InputError:
-        text = str(error)
-        name = getattr(error, "sqlite_errorname", "")
-        if name.startswith("SQLITE_CANTOPEN"):
-            return InputError(
-                f"posterior store {self._name}: cannot be opened ({text}); check the path and its permissions"
+
+def _insert(connection: sqlite3.Connection, evidence: Evidence) -> bool:
+    added = connection.execute(
+        "INSERT INTO search (scope, session, search, recorded_at, board_type, component, board, hole, ending,"
+        " x, y, seated_x, seated_y, slid, checksum) VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)"
+        " ON CONFLICT (scope, session, search) DO NOTHING",
+        (
+            *evidence.identity,
+            evidence.recorded_at,
+            evidence.board_type,
+            evidence.component,
+            evidence.board,
+            evidence.hole,
+            int(evidence.ending),
+            *(evidence.x, evidence.y, evidence.seated_x, evidence.seated_y),
+            evidence.slid,
+            evidence.checksum,
+        ),
+    )
+    if added.rowcount == 0:
+        return False
+    connection.executemany(
+        "INSERT INTO attempt (search_id, number, x, y, outcome, path) VALUES (?, ?, ?, ?, ?, ?)",
+        [
+            (
+                added.lastrowid,
+                item.number,
+                item.x,
+                item.y,
+                int(item.outcome),
+                path_text(item.path),
             )
-        remedy = {
-            "SQLITE_BUSY": "another process is writing to it; end that one, or name another file",
-            "SQLITE_READONLY": "it may not be written to; change its permissions, or name another file",
-            "SQLITE_FULL": "the disk is full; make room",
-            "SQLITE_CORRUPT": "it was damaged in use; start again, which sets it aside",
-        }
-        advice = next((words for code, words in remedy.items() if name.startswith(code)), "start the session again")
-        return SessionError(f"posterior store {self._name}: {text}: {advice}")
+            for item in evidence.tried
+        ],
+    )
+    _turn(connection, evidence, since=1)
+    return True
 
 
-def _null(value: float) -> float | None:
-    return value if math.isfinite(value) else None  # SQLite has no "not a number"
+def _held(connection: sqlite3.Connection, evidence: Evidence) -> Evidence | None:
+    found = read_evidence(connection, "scope = ? AND session = ? AND search = ?", evidence.identity)
+    return found[0] if found else None
+
+
+def _turn(connection: sqlite3.Connection, evidence: Evidence, since: int) -> None:
+    """Bring the life of evidence held, `since` so far, up to that of its copy."""
+    connection.executemany(
+        "INSERT INTO turn (search_id, life) SELECT id, ? FROM search WHERE scope = ? AND session = ? AND search = ?",
+        [(life, *evidence.identity) for life in range(since + 1, evidence.life + 1)],
+    )
 
 
 def _number(value: float | None) -> float:
-    return math.nan if value is None else value
-
-
-def _path_text(attempt: Attempt) -> str | None:
-    return json.dumps([(point.x, point.y) for point in attempt.path]) if attempt.path else None
-
-
-def _path(text: str | None) -> tuple[tuple[float, float], ...]:
-    return tuple((x, y) for x, y in json.loads(text)) if text else ()
-
-
-class _DamagedError(Exception):
-    """The file is no readable database any more."""
-
-
-def _is_damage(error: BaseException) -> bool:
-    name = getattr(error, "sqlite_errorname", "")
-    return isinstance(error, _DamagedError) or name.startswith(("SQLITE_CORRUPT", "SQLITE_NOTADB"))
+    return float("nan") if value is None else value
