@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Annotated
+from typing import Annotated, Literal
 
 from pydantic import Field
 
@@ -87,9 +87,73 @@ class Interruption:
 
 
 @dataclass(frozen=True)
+class CurtainFault:
+    """A scripted fault of the light curtain or its wiring. Reset is pressed twice: for the fault, and for the restart.
+
+    `channel_1_stuck` (or 2): on whatever the field, without test pulses, as a wire that touches the supply.
+    `channel_1_off` (or 2): off whatever the field, as a broken wire.
+    """
+
+    at: Annotated[Duration, NotNegative]  # [s]
+    kind: Literal["channel_1_stuck", "channel_2_stuck", "channel_1_off", "channel_2_off"]
+    ends_after: Annotated[Duration, Positive] = 2.0  # [s] later all is well again
+    reset_after: Annotated[Duration, Positive] = 1.0  # [s] after that reset is pressed, and once more as long after
+
+
+@dataclass(frozen=True)
+class EmergencyStopPress:
+    """A scripted press of the emergency stop, in session time."""
+
+    at: Annotated[Duration, NotNegative]  # [s]
+    release_after: Annotated[Duration, Positive] = 2.0  # [s] later the device is released
+    reset_after: Annotated[Duration, Positive] = 1.0  # [s] after that somebody presses reset
+
+
+@dataclass(frozen=True)
+class MutingPass:
+    """Scripted material that passes the two muting sensors one after the other, in session time."""
+
+    at: Annotated[Duration, NotNegative]  # [s] it reaches the first
+    second_after: Annotated[Duration, NotNegative] = 0.5  # [s] later the second
+    lasts: Annotated[Duration, Positive] = 4.0  # [s] that it covers each of them
+
+
+@dataclass(frozen=True)
+class ResetPress:
+    """A scripted press of the reset button, in session time: one that is too early or too long does nothing."""
+
+    at: Annotated[Duration, NotNegative]  # [s]
+    held: Annotated[Duration, Positive] = 0.2  # [s]
+
+
+@dataclass(frozen=True)
 class Safety:
-    """Times of the safety chain."""
+    """Times of the safety chain, and what happens to the simulated light curtain and the buttons beside it."""
 
     deadline: Annotated[Duration, Field(ge=0.002, le=1.0)] = 0.2  # [s] a permit holds no longer than this
     discrepancy: Annotated[Duration, Field(gt=0.0, le=1.0)] = 0.05  # [s] both channels must agree within it
+    filter_time: Annotated[Duration, Field(gt=0.0, le=0.01)] = 1e-3  # [s] an off pulse up to this long is a test
+    test_interval: Annotated[Duration, Field(ge=0.1, le=60.0)] = 1.0  # [s] each channel shows a test pulse within it
+    watch: Annotated[Duration, Field(ge=0.2, le=10.0)] = 2.0  # [s] a curtain silent for longer asks for a reset
+    patience: Annotated[Duration, Field(ge=1.0, le=600.0)] = 15.0  # [s] without a permit until the arm gives up
+    shortest_reset: Annotated[Duration, Field(ge=0.0, le=0.5)] = 0.03  # [s] a press below this is no reset
+    longest_reset: Annotated[Duration, Field(gt=0.5, le=30.0)] = 3.0  # [s] nor is one beyond this
+    muting_concurrency: Annotated[Duration, Field(gt=0.0, le=10.0)] = 4.0  # [s] both muting sensors within it
+    muting_limit: Annotated[Duration, Field(gt=0.0, le=600.0)] = 30.0  # [s] muting lasts no longer
     interruptions: tuple[Interruption, ...] = field(default_factory=tuple)
+    curtain_faults: tuple[CurtainFault, ...] = field(default_factory=tuple)
+    emergency_stops: tuple[EmergencyStopPress, ...] = field(default_factory=tuple)
+    mutings: tuple[MutingPass, ...] = field(default_factory=tuple)
+    resets: tuple[ResetPress, ...] = field(default_factory=tuple)
+
+
+@dataclass(frozen=True)
+class Attendance:
+    """Whether a person is there to be asked when the cell cannot go on by itself."""
+
+    mode: Literal["unattended", "attended"] = "unattended"  # unattended: what fails is reported, the cell goes on
+
+    @property
+    def attended(self) -> bool:
+        """Whether the cell waits for an answer."""
+        return self.mode == "attended"

@@ -1,33 +1,52 @@
-"""What curtain, interlock and arm say to each other about safety."""
+"""What curtain, buttons, interlock and arm say to each other about safety."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import IntEnum
 from typing import ClassVar
 
-from runtime.declaration import Bool, Text, UInt8, message
-from runtime.messages.ros import Header, Time
+from runtime.declaration import Bool, Text, UInt8, UInt64, message
+from runtime.messages.ros import Header, Time, stamp_of
 
 
 class SafetyState(IntEnum):
-    """State of the interlock (names after IEC 61496-1)."""
+    """State of the interlock (names after IEC 61496-1 and IEC 60204-1)."""
 
     LOCKED = 0  # restart interlock: the field is clear, a reset is awaited
     PERMITTED = 1  # motion is allowed
-    TRIPPED = 2  # the light field is interrupted
-    FAULT = 3  # the two channels disagree for longer than the discrepancy time
+    TRIPPED = 2  # the light field is interrupted, or nothing is heard of it
+    FAULT = 3  # the curtain or its wiring cannot be trusted: the channels disagree, or one shows no test pulses
+    MUTED = 4  # motion is allowed while the light curtain is set aside
+    EMERGENCY_STOP = 5  # an emergency stop is pressed
+
+
+class ResetEdge(IntEnum):
+    """What happened to the reset button."""
+
+    PRESSED_AND_RELEASED = 0  # both, in proper time: from a button that only exists in software
+    PRESSED = 1
+    RELEASED = 2
 
 
 @message
 @dataclass(frozen=True, slots=True)
 class Ossd:
-    """The light curtain's two output signal switching devices (IEC 61496-1)."""
+    """The light curtain's two output signal switching devices (IEC 61496-1).
+
+    An off pulse that is shorter than the interlock's filter time is a test. Off times are in ns: the length so far of
+    the pulse that the channel is in, or the longest since the message before; 0 without one. A channel that is off
+    without an off time is off.
+    """
 
     header: Header
     channel_1: Bool  # on: the field is clear
     channel_2: Bool
-    valid_until: Time  # the curtain vouches for this state up to here
+    valid_until: Time  # the curtain vouches for this state, and for its test pulses, up to here
+    channel_1_off_time: UInt64 = 0
+    channel_2_off_time: UInt64 = 0
+    channel_1_tested: Time = field(default_factory=lambda: stamp_of(0))  # last seen off, in a test pulse or otherwise
+    channel_2_tested: Time = field(default_factory=lambda: stamp_of(0))
 
     __msgtype__: ClassVar[str]
 
@@ -35,10 +54,35 @@ class Ossd:
 @message
 @dataclass(frozen=True, slots=True)
 class Reset:
-    """The restart button was pressed and released."""
+    """The reset button was pressed, released, or both."""
 
     header: Header
     source: Text
+    edge: UInt8 = ResetEdge.PRESSED_AND_RELEASED  # a ResetEdge
+
+    __msgtype__: ClassVar[str]
+
+
+@message
+@dataclass(frozen=True, slots=True)
+class EmergencyStop:
+    """An emergency stop device was pressed or released (IEC 60204-1)."""
+
+    header: Header
+    device: Text  # which of them
+    pressed: Bool
+
+    __msgtype__: ClassVar[str]
+
+
+@message
+@dataclass(frozen=True, slots=True)
+class Muting:
+    """The two muting sensors (IEC 61496-1, IEC 62046)."""
+
+    header: Header
+    sensor_1: Bool  # actuated
+    sensor_2: Bool
 
     __msgtype__: ClassVar[str]
 
@@ -53,5 +97,12 @@ class Permit:
     state: UInt8  # a SafetyState
     reason: Text
     valid_until: Time  # the word holds from the header's stamp up to here
+    ossd: UInt64 = 0  # OSSD messages that the interlock had heard when it decided
+    resets: UInt64 = 0  # and resets: the order of both, which no two publishers promise
+    emergency_stops: UInt64 = 0  # likewise
+    mutings: UInt64 = 0  # likewise
+    stop_category: UInt8 = 2  # after IEC 60204-1, of the stop that a refusal or the end of this word asks for
+    session: Text = ""  # in which it holds; empty in logs that are older than this field
+    seal: Text = ""  # of who holds the session's key; see runtime.permit_seal
 
     __msgtype__: ClassVar[str]
