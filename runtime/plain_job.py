@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Protocol
 
-from runtime.assembly import goal_for
+from runtime.assembly import goal_for, tasks_of
 from runtime.belief import belief_about
 from runtime.config import Cell, redacted_cell
 from runtime.messages import (
@@ -77,30 +77,26 @@ class PlainJob:
         """Work through the cell's boards."""
         decide = redacted_cell(self.cell, "assembly")
         session = SearchSession(self.strategy)
-        holes = self.cell.board.holes
-        known = [seat.board for seat in self.seats] + [miss.board for miss in self.misses]
-        first = 1 + max(known, default=0)
-        for board in range(first, first + self.cell.boards):
-            for index, hole in enumerate(holes):
-                number = (board - 1) * len(holes) + index + 1
-                begun = self.bench.time
-                goal = goal_for(decide, hole, self._belief(hole.name, board), board, number, begun)
-                self.bench.begin(number, board, hole.name)
-                attempts = self._search(session, goal)
-                seated = bool(attempts) and attempts[-1].outcome == Outcome.SEATED
-                self.bench.end(seated)
-                self._remember(goal, attempts)
-                self.attempts += attempts
-                yield SearchRecord(
-                    board=board,
-                    hole=hole.name,
-                    seated=seated,
-                    attempts=len(attempts),
-                    search_time=sum(attempt.duration for attempt in attempts),
-                    part_time=1e-9 * (self.bench.time - begun),
-                    travelled=sum(((b.x - a.x) ** 2 + (b.y - a.y) ** 2) ** 0.5 for a, b in pairwise(attempts)),
-                    offset=self.bench.offset,
-                )
+        for task in tasks_of(self.cell, self.seats, self.misses):
+            begun = self.bench.time
+            belief = self._belief(task.hole.name, task.board)
+            goal = goal_for(decide, task.hole, belief, task.board, task.search, begun)
+            self.bench.begin(task.search, task.board, task.hole.name)
+            attempts = self._search(session, goal)
+            seated = bool(attempts) and attempts[-1].outcome == Outcome.SEATED
+            self.bench.end(seated)
+            self._remember(goal, attempts)
+            self.attempts += attempts
+            yield SearchRecord(
+                board=task.board,
+                hole=task.hole.name,
+                seated=seated,
+                attempts=len(attempts),
+                search_time=sum(attempt.duration for attempt in attempts),
+                part_time=1e-9 * (self.bench.time - begun),
+                travelled=sum(((b.x - a.x) ** 2 + (b.y - a.y) ** 2) ** 0.5 for a, b in pairwise(attempts)),
+                offset=self.bench.offset,
+            )
 
     def _search(self, session: SearchSession, goal: SearchGoal) -> list[Attempt]:
         attempts: list[Attempt] = []

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field, replace
 
-from runtime.bus import Envelope, Publisher
+from runtime.bus import Envelope
 from runtime.config import strategy_of
 from runtime.context import Context
 from runtime.errors import SessionError
@@ -34,11 +34,12 @@ class StrategyHost:
                     else session.observe(item.read(ATTEMPT))
                 )
                 if answer is not None:
-                    _send(candidates, answer, context.clock.now)
+                    candidates.send(stamped(answer, context.clock.now), context.clock.now)
 
 
-def _send(candidates: Publisher[Candidate], candidate: Candidate, stamp: int) -> None:
-    candidates.send(replace(candidate, header=header(stamp, BASE_FRAME)), stamp)
+def stamped(candidate: Candidate, now: int) -> Candidate:
+    """The candidate as it is sent at session time `now` [ns]."""
+    return replace(candidate, header=header(now, BASE_FRAME))
 
 
 @dataclass

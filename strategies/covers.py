@@ -17,6 +17,7 @@ Force = Literal["overlap", "hinge", "eq_45", "eq_46"]
 
 STEPS = 120  # of ascent: plans within about 10 ms; run to rest, the covers' summed mass changes by less than a tenth
 MILLIMETRE = 1e-3  # [m]
+_ROUND = 1e-6  # relative difference of variances below which a belief counts as round
 _GOLDEN_ANGLE = math.pi * (3 - math.sqrt(5))  # [rad]
 
 
@@ -140,6 +141,8 @@ def _sunflower(belief: Gaussian, radius: float, count: int) -> Array:
     distance = radius * np.sqrt(1.5 * math.sqrt(3) / math.pi * index)  # a hexagon inscribed in the disc for each point
     flower = np.stack([np.cos(_GOLDEN_ANGLE * index), np.sin(_GOLDEN_ANGLE * index)], axis=1) * distance[:, None]
     variances, axes = np.linalg.eigh(covariance_of(belief))
+    if variances[1] - variances[0] < _ROUND * variances[1]:
+        axes = np.eye(2)  # no direction is the wider one, and rounding is not to choose
     narrow, wide = np.sqrt(np.maximum(variances, (radius / 2) ** 2))
     stretch = min(math.sqrt(wide / narrow), 2.0)
     return np.asarray(mean_of(belief) + (flower * (1 / stretch, stretch)) @ axes.T)

@@ -10,6 +10,7 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Protocol
 
 import numpy as np
 
@@ -79,13 +80,28 @@ def along(path: Sequence[Point], step: float) -> Iterator[tuple[float, Point]]:
         travelled += length
 
 
-class StatisticalBench:
-    """Parts are tried in holes by geometry alone."""
+class Gaps(Protocol):
+    """Where the holes are."""
 
-    def __init__(self, cell: Cell, timing: Timing | None = None, capture: Capture | None = None) -> None:
-        self._world = World(cell.board, component(cell.component), cell.tolerances, cell.seed)
+    def gap(self, search_number: int, board_number: int, hole_name: str) -> Gap:
+        """What one part meets at one hole."""
+        ...
+
+
+class StatisticalBench:
+    """Parts are tried in holes by geometry alone: in the cell's simulated world, unless `gaps` say where holes are."""
+
+    def __init__(
+        self,
+        cell: Cell,
+        timing: Timing | None = None,
+        capture: Capture | None = None,
+        gaps: Gaps | None = None,
+        seed: int | None = None,  # of how exactly parts sit; the cell's if there is none
+    ) -> None:
+        self._world = gaps or World(cell.board, component(cell.component), cell.tolerances, cell.seed)
         self._timing, self._capture = timing or Timing(), capture or Capture()
-        self._noise = np.random.default_rng([cell.seed, 1])
+        self._noise = np.random.default_rng([cell.seed if seed is None else seed, 1])
         self._seconds = 0.0
         self._gap: Gap | None = None
         self._last: tuple[float, float] | None = None  # where the attempt before ended, in this search
