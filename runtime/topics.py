@@ -3,6 +3,7 @@
      light_curtain --ossd--> interlock --permit--> arm
      assembly --goal--> strategy --candidate--> arm --attempt--> strategy, posterior, assembly
      assembly --request--> posterior --belief--> assembly (into the next goal)
+     assembly --intervention--> a person --answer--> assembly --answered--> arm, launcher (in an attended cell)
      everything --> recorder, viewer
 
 Names of the arm's topics are those of UR's ROS 2 driver. A publisher is the role of a plugin in the cell.
@@ -20,6 +21,7 @@ RequestT = TypeVar("RequestT")
 ReplyT = TypeVar("ReplyT")
 
 _topics: dict[str, Topic[Any]] = {}
+_services: dict[str, Service[Any, Any]] = {}
 
 
 @dataclass(frozen=True)
@@ -48,6 +50,9 @@ class Service(Generic[RequestT, ReplyT]):
     server: str  # role
     meaning: str
 
+    def __post_init__(self) -> None:
+        _services[self.name] = self
+
 
 JOINT_STATES = Topic("/joint_states", m.JointState, "arm", "25 Hz", "measured joint angles, speeds and motor torques")
 WRENCH = Topic(
@@ -64,25 +69,82 @@ ROBOT_DESCRIPTION = Topic("/robot_description", m.String, "arm", "once", "the ar
 CLOCK = Topic("/clock", m.Clock, "arm", "12.5 Hz (50 Hz by wire), and at every wait for a permit", "session time")
 ARM_STATUS = Topic("/arm/status", m.ArmStatus, "arm", "on change", "mode and activity of the arm", latched=True)
 TRACE = Topic("/arm/trace", m.ControlTrace, "arm", "10 Hz", "every 500 Hz control cycle: joints and wrench")
+PEAK_FORCE = Topic(
+    "/arm/peak_force",
+    m.Float64MultiArray,
+    "arm",
+    "10 Hz",
+    "x, y, z [N] of the strongest force on the tool since the last one, frame tool0: what Rerun plots of a log that it "
+    "opens by itself, for it plots no wrenches; everybody else reads wrench or trace",
+)
 ATTEMPT = Topic("/attempt", m.Attempt, "arm", "per attempt", "what the arm felt at a candidate")
 TRUTH = Topic("/truth", m.Truth, "arm", "per search, simulation only", "where hole and pins really are", hidden=True)
 
 OSSD = Topic("/safety/ossd", m.Ossd, "light_curtain", "per clock", "the light curtain's two outputs")
-RESET = Topic("/safety/reset", m.Reset, "any", "per press", "the restart button")
-PERMIT = Topic("/safety/permit", m.Permit, "interlock", "per OSSD message", "whether the arm may move, and until when")
+RESET = Topic("/safety/reset", m.Reset, "any", "per press", "the reset button")
+EMERGENCY_STOP = Topic(
+    "/safety/emergency_stop", m.EmergencyStop, "any", "on change", "an emergency stop device, pressed or released"
+)
+MUTING = Topic("/safety/muting", m.Muting, "light_curtain", "on change", "the two muting sensors")
+PERMIT = Topic(
+    "/safety/permit", m.Permit, "interlock", "per message to it", "whether the arm may move, until when, how it stops"
+)
 
 SEARCH_GOAL = Topic("/search/goal", m.SearchGoal, "assembly", "per search", "find this hole for this part")
 CANDIDATE = Topic("/search/candidate", m.Candidate, "strategy", "per attempt", "the next position to try")
 SEARCH_RESULT = Topic("/search/result", m.SearchResult, "assembly", "per search", "how a search ended")
 BELIEF = Topic("/posterior/belief", m.Belief, "posterior", "per search", "what is now believed about a hole")
+MERGED = Topic(
+    "/posterior/merged",
+    m.Merged,
+    "posterior",
+    "on change",
+    "evidence that came or went by others' doing since the search before",
+)
+
+INTERVENTION = Topic(
+    "/intervention/request", m.Intervention, "assembly", "on change", "what an attended cell needs now", latched=True
+)
+ANSWER_GIVEN = Topic("/intervention/answered", m.AnswerGiven, "assembly", "per answer", "what a person told it to do")
 
 SESSION = Topic("/session/state", m.SessionState, "any", "on change", "phase of the session", latched=True)
 COUNTS = Topic("/session/counts", m.PublisherCounts, "any", "once, at close", "what each plugin has published")
 ROSOUT = Topic("/rosout", m.Log, "any", "on occasion", "log text of all plugins")
 
 ASK_BELIEF = Service("/posterior/ask", m.BeliefRequest, m.Belief, "posterior", "what is known about a hole")
+ANSWER = Service(
+    "/intervention/answer", m.InterventionAnswer, m.InterventionReply, "assembly", "a person's answer to what is needed"
+)
+PLAYER_CONTROL = Service(
+    "/player/control", m.PlayerCommand, m.PlayerState, "player", "pause, step, seek and pace a log that is played back"
+)
+LIGHT_FIELD = Service(
+    "/light_curtain/field",
+    m.CurtainCommand,
+    m.CurtainState,
+    "light_curtain",
+    "break or clear the simulated light field, press the reset button, or see how it is",
+)
+SNAPSHOT = Service(
+    "/recorder/snapshot", m.SnapshotRequest, m.SnapshotReply, "recorder", "write down what is kept in memory"
+)
 
 
 def topics() -> dict[str, Topic[Any]]:
     """Every topic of the map by name."""
     return dict(_topics)
+
+
+def known_topic(name: str) -> Topic[Any] | None:
+    """The topic of that name, if the map has one."""
+    return _topics.get(name)
+
+
+def known_service(name: str) -> Service[Any, Any] | None:
+    """The service of that name, if the map has one."""
+    return _services.get(name)
+
+
+def services() -> dict[str, Service[Any, Any]]:
+    """Every service of the map by name."""
+    return dict(_services)

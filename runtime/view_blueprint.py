@@ -12,16 +12,33 @@ from runtime.cell import Board
 from runtime.messages import BASE_FRAME
 from runtime.view_board import BOARD
 from runtime.view_close_up import CLOSE_UP, bounds
-from runtime.view_scene import ARM, ATTEMPTS, DURATION, FORCE, FORCE_Z, INTERLOCK, LOG, SESSION, TOTAL
+from runtime.view_scene import ARM, ATTEMPTS, DURATION, FORCE, FORCE_Z, INTERLOCK, LOG, SESSION, TOTAL, Scene
 from runtime.view_tracks import TIMELINE
 
 _BACKGROUND = (24, 27, 34)
 _GREEN, _AMBER, _RED, _GREY, _BLUE = 0x2E9E5BFF, 0xD99A1CFF, 0xD64541FF, 0x6B7280FF, 0x3B82F6FF
 _STATES: dict[str, dict[str, int]] = {
-    INTERLOCK: {"permitted": _GREEN, "locked": _AMBER, "tripped": _RED, "fault": _RED},
+    INTERLOCK: {
+        "permitted": _GREEN,
+        "muted": _BLUE,
+        "locked": _AMBER,
+        "tripped": _RED,
+        "fault": _RED,
+        "emergency_stop": _RED,
+    },
     ARM: {"normal": _GREEN, "reduced": _AMBER, "safeguard stop": _RED, "protective stop": _RED, "fault": _RED},
     SESSION: {"starting": _GREY, "running": _BLUE, "done": _GREEN, "closing": _GREY, "failed": _RED},
 }
+
+
+def empty_scene(recording: Any, name: str, board: Board | None, radius: float) -> Scene:
+    """A scene with its layout and nothing in it yet, for searches within `radius` [m]."""
+    recording.set_log_time_enabled(False)
+    recording.set_log_tick_enabled(False)
+    recording.send_recording_name(name)
+    recording.send_blueprint(blueprint(board or Board("unknown", ()), radius))
+    styles(recording)
+    return Scene(recording, board)
 
 
 def styles(recording: Any) -> None:

@@ -21,8 +21,11 @@ from runtime.messages import (
     NANOSECONDS,
     ArmStatus,
     ControlTrace,
+    Float64MultiArray,
     Header,
     JointState,
+    MultiArrayDimension,
+    MultiArrayLayout,
     Point,
     Pose,
     PoseStamped,
@@ -41,6 +44,7 @@ from runtime.messages import (
 PERIOD = 40_000_000  # [ns] 25 Hz: enough to see the arm move; what happens in between is in the trace
 _CYCLES = PERIOD // CYCLE_NS
 _TRACE_CYCLES = 50  # in one message of the trace
+_FORCE_LAYOUT = MultiArrayLayout(dim=[MultiArrayDimension("x, y, z [N] in tool0", 3, 3)], data_offset=0)
 
 
 def pose_of(position: frames.Vector, quaternion: frames.Quaternion) -> Pose:
@@ -128,6 +132,7 @@ class Telemetry:
         self._tf_static = bus.publisher(topics.TF_STATIC)
         self._status = bus.publisher(topics.ARM_STATUS)
         self._trace = bus.publisher(topics.TRACE)
+        self._peak_force = bus.publisher(topics.PEAK_FORCE)
         self._description = bus.publisher(topics.ROBOT_DESCRIPTION)
         self._origins = tuple(quaternion_of_rpy(joint.rpy) for joint in JOINTS)
         # Made once and filled anew each time, all with one stamp: making them was a third of the cost of publishing.
@@ -169,7 +174,8 @@ class Telemetry:
 
     def __call__(self, arm: ObservedArm) -> None:
         """After every control cycle."""
-        status = (arm.safety_mode, self.activity, self.holding, arm.getSpeedScaling() in (0.0, 1.0))
+        modes = (arm.getRobotMode(), arm.safety_mode)
+        status = (modes, self.activity, self.holding, arm.getSpeedScaling() in (0.0, 1.0))
         if status != self._last_status:
             self._last_status = status
             self.publish_status(arm)
@@ -215,19 +221,23 @@ class Telemetry:
         self._tf.send(self._links, now)
 
     def publish_trace(self) -> None:
-        """Every control cycle since the last trace."""
+        """Every control cycle since the last trace, and the strongest force among them."""
         cycles = len(self._positions) // 6
         if cycles == 0:
             return
+        wrenches = np.array(self._wrenches)
         self._trace.send(
             ControlTrace(
                 header(self._traced - (cycles - 1) * CYCLE_NS, "tool0"),
                 CYCLE,
                 np.array(self._positions),
                 np.array(self._targets),
-                np.array(self._wrenches),
+                wrenches,
             ),
             self._traced,
         )
+        forces = wrenches.reshape(-1, 6)[:, :3]
+        strongest = forces[np.einsum("ij,ij->i", forces, forces).argmax()]
+        self._peak_force.send(Float64MultiArray(layout=_FORCE_LAYOUT, data=strongest), self._traced)
         for rows in (self._positions, self._targets, self._wrenches):
             rows.clear()

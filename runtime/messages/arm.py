@@ -15,8 +15,8 @@ class ArmStatus:
     """State of the arm's controller. Numbers as in UR's RTDE guide."""
 
     header: Header
-    robot_mode: UInt8  # 7: running
-    safety_mode: UInt8  # 1: normal, 3: protective stop, 5: safeguard stop
+    robot_mode: UInt8  # 3: without power, 4: powering on, 5: brakes on, 7: running
+    safety_mode: UInt8  # 1: normal, 3: protective stop, 5: safeguard stop, 6: emergency stop of the cell
     speed_scaling: Number  # 0..1, 0 while stopped
     activity: Text  # what the arm is doing, in words
     holding: Text  # component in the gripper, empty if none

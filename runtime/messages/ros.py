@@ -7,6 +7,9 @@ from rosbags.typesys.stores import ros2_jazzy as ros
 Time = ros.builtin_interfaces__msg__Time
 Header = ros.std_msgs__msg__Header
 String = ros.std_msgs__msg__String
+MultiArrayDimension = ros.std_msgs__msg__MultiArrayDimension
+MultiArrayLayout = ros.std_msgs__msg__MultiArrayLayout
+Float64MultiArray = ros.std_msgs__msg__Float64MultiArray
 Clock = ros.rosgraph_msgs__msg__Clock
 Log = ros.rcl_interfaces__msg__Log
 JointState = ros.sensor_msgs__msg__JointState

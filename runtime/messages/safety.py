@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from enum import IntEnum
 from typing import ClassVar
 
-from runtime.declaration import Bool, Text, UInt8, UInt64, message
+from runtime.declaration import Bool, Seconds, Text, UInt8, UInt64, message
 from runtime.messages.ros import Header, Time, stamp_of
 
 
@@ -104,5 +104,31 @@ class Permit:
     stop_category: UInt8 = 2  # after IEC 60204-1, of the stop that a refusal or the end of this word asks for
     session: Text = ""  # in which it holds; empty in logs that are older than this field
     seal: Text = ""  # of who holds the session's key; see runtime.permit_seal
+
+    __msgtype__: ClassVar[str]
+
+
+@message
+@dataclass(frozen=True, slots=True)
+class CurtainCommand:
+    """What somebody does to the simulated light curtain of a running cell."""
+
+    action: Text  # break, clear, reset (press and release the button), or state: only look
+
+    __msgtype__: ClassVar[str]
+
+
+@message
+@dataclass(frozen=True, slots=True)
+class CurtainState:
+    """How the simulated light curtain is after a command, and whether it did as it was told."""
+
+    ok: Bool
+    error: Text  # what was wrong with the command; empty if it was carried out
+    interrupted: Bool  # the light field, by a command or by the cell file's script
+    held: Bool  # it stays interrupted until a command clears it
+    channel_1: Bool  # on
+    channel_2: Bool
+    time: Seconds  # session time that the curtain knows of
 
     __msgtype__: ClassVar[str]

@@ -64,7 +64,7 @@ class Seat:
     """Where one part went in: one piece of evidence about the holes of a board type."""
 
     session: Text  # session that found it
-    board: UInt32  # number of the board within that session, from 1
+    board: UInt32  # number of the board, unlike that of any other board it is told with
     hole: Text
     x: Metres  # the candidate that succeeded
     y: Metres
@@ -232,6 +232,21 @@ class Belief:
     distribution: Gaussian
     seats: list[Seat]  # of all holes of the board type, oldest first
     misses: list[Miss] = field(default_factory=list)  # every blocked attempt, oldest first
+
+    __msgtype__: ClassVar[str]
+
+
+@message
+@dataclass(frozen=True, slots=True)
+class Merged:
+    """Evidence that came or went by others' doing: other cells, or a person who imports or forgets."""
+
+    header: Header
+    after_search: UInt32  # of this session; it counts in all that is believed from then on
+    entered: UInt32  # searches that count from now on
+    withdrawn: UInt32  # searches that count no more
+    seats: list[Seat]  # all that count now, oldest first
+    misses: list[Miss]
 
     __msgtype__: ClassVar[str]
 
