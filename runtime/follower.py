@@ -2,18 +2,49 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from runtime.admission import Admission
 from runtime.bus import Bus, Envelope
 from runtime.clock import Stopwatch
-from runtime.errors import SessionError
-from runtime.messages import NANOSECONDS, Log, Permit, Phase, PublisherCounts, Reset, SearchResult, SessionState, header
+from runtime.errors import BusError, SessionError
+from runtime.intervention import answered
+from runtime.messages import (
+    NANOSECONDS,
+    AnswerGiven,
+    Choice,
+    Intervention,
+    InterventionAnswer,
+    Log,
+    Need,
+    Permit,
+    Phase,
+    PublisherCounts,
+    Reset,
+    SearchResult,
+    SessionState,
+    header,
+    stamp_of,
+)
 from runtime.roles import LAUNCHER
-from runtime.topics import ATTEMPT, COUNTS, PERMIT, RESET, ROSOUT, SEARCH_RESULT, SESSION
+from runtime.topics import (
+    ANSWER,
+    ANSWER_GIVEN,
+    ATTEMPT,
+    COUNTS,
+    INTERVENTION,
+    PERMIT,
+    RESET,
+    ROSOUT,
+    SEARCH_RESULT,
+    SESSION,
+)
 
 LINGER = 0.05  # [s] of machine time: nobody reads a progress bar faster
+_ANSWER_TIMEOUT = 10.0  # [s] of machine time for the assembly to take an answer
 
 
 @dataclass
@@ -28,6 +59,9 @@ class Progress:
     session_time: float = 0.0  # [s]
     permitted: bool = True
     said: list[Log] = field(default_factory=list)  # by the plugins, since the last look
+    request: Intervention | None = None  # what an attended cell needs now
+    answer: InterventionAnswer | None = None  # of whoever looks at this, to be handed on
+    refusal: str = ""  # why the last one was not taken
 
 
 @dataclass
@@ -40,6 +74,7 @@ class Session:
     duration: float = 0.0  # session time [s]
     machine_time: float = 0.0  # [s] from the first permit to the last result
     interrupted: bool = False
+    aborted: str = ""  # who ended the job, and where
 
     def snapshots(self) -> list[Path]:
         """The files that a recorder with a memory wrote, oldest first."""
@@ -73,15 +108,24 @@ class Follower:
         self._show = show
         self._now = 0  # session time [ns]
         self._started = self._done = False
+        self._admission = Admission(self._complain, session=session.name)
+        bus.inbox.admit_by(self._admission, self._admission.refuse)
         self._watch = Stopwatch()  # since the first permit
         self._resets = bus.publisher(RESET)
         self._states = bus.publisher(SESSION)
         self._counts = bus.publisher(COUNTS)
-        bus.subscribe(PERMIT, SEARCH_RESULT, ATTEMPT, SESSION, ROSOUT)
+        bus.subscribe(PERMIT, SEARCH_RESULT, ATTEMPT, SESSION, ROSOUT, INTERVENTION, ANSWER_GIVEN)
         bus.announce()
 
     def _say(self, phase: Phase, text: str) -> None:
         self._states.send(SessionState(header(self._now), self._session.name, phase, text), self._now)
+
+    def _complain(self, text: str) -> None:
+        """Tell whoever watches the session."""
+        line = Log(
+            stamp=stamp_of(self._now), level=logging.WARNING, name=LAUNCHER, msg=text, file="", function="", line=0
+        )
+        self._progress.said.append(line)
 
     def count(self) -> None:
         """Tell the recorder how much this process has published."""
@@ -96,7 +140,7 @@ class Follower:
         except BaseException as error:
             self.fail(error)
             raise
-        self._say(Phase.CLOSING, "interrupted" if self._session.interrupted else "closing")
+        self._say(Phase.CLOSING, "interrupted" if self._session.interrupted else self._session.aborted or "closing")
 
     def fail(self, error: BaseException) -> None:
         """Say that the session failed, and why."""
@@ -112,6 +156,17 @@ class Follower:
             self._check()
             self._show(self._progress)
             self._progress.said.clear()
+            self._hand_on()
+
+    def _hand_on(self) -> None:
+        """Give the assembly what whoever follows this session has answered."""
+        progress, answer = self._progress, self._progress.answer
+        if answer is not None:
+            progress.answer = None
+            try:
+                progress.refusal = self._bus.request(ANSWER, answer, _ANSWER_TIMEOUT).error
+            except BusError as error:  # whoever waits can answer again
+                progress.refusal = str(error)
 
     def _take_note(self, item: Envelope) -> None:
         self._now = max(self._now, item.stamp)
@@ -129,8 +184,21 @@ class Follower:
             self._session.machine_time = self._watch.seconds
         elif item.topic == ROSOUT.name:
             self._progress.said.append(item.read(ROSOUT))
+        elif item.topic == INTERVENTION.name:
+            request = item.read(INTERVENTION)
+            self._progress.request = None if request.need == Need.NOTHING else request
+        elif item.topic == ANSWER_GIVEN.name:
+            self._hear_answer(item.read(ANSWER_GIVEN))
         elif item.topic == SESSION.name:
             self._done = item.read(SESSION).phase == Phase.DONE
+
+    def _hear_answer(self, given: AnswerGiven) -> None:
+        """A retry is one more search to wait for; after an abort no more follow."""
+        if given.choice == Choice.RETRY:
+            self._progress.searches += 1
+        elif given.choice == Choice.ABORT:
+            self._progress.searches = self._progress.done
+            self._session.aborted = f"the job was aborted: {answered(given)}"
 
     def _hear_permit(self, permit: Permit) -> None:
         """Press reset once the interlock asks for it at the beginning; start the job with the first permit."""

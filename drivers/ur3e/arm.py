@@ -16,6 +16,7 @@ from collections.abc import Sequence
 from typing import Any, Protocol
 
 NORMAL, PROTECTIVE_STOP, SAFEGUARD_STOP = 1, 3, 5  # safety modes, RTDE guide
+EMERGENCY_STOP = 6  # likewise: that of the cell, not of the button on the robot's own pendant
 RUNNING = 7  # robot mode, RTDE guide
 GRIPPER_PIN = 0  # tool digital output that closes the gripper
 
@@ -144,11 +145,11 @@ class Arm(Protocol):
         ...
 
     def getSafetyMode(self) -> int:
-        """1 normal, 3 protective stop, 5 safeguard stop."""
+        """1 normal, 3 protective stop, 5 safeguard stop, 6 emergency stop of the cell."""
         ...
 
     def getRobotMode(self) -> int:
-        """7 while running."""
+        """7 while running; less without power or with the brakes on."""
         ...
 
     def getSpeedScaling(self) -> float:

@@ -28,6 +28,7 @@ class MeasuredArm:
         self.scene = scene
         self.time = 0  # [ns] of the session
         self.safety_mode = NORMAL
+        self.robot_mode = RUNNING
         self.payload: tuple[float, tuple[float, ...]] = (0.0, (0.0, 0.0, 0.0))  # [kg], centre (3,) [m], as told
         self.controller = Controller(Kinematics(), scene.workcell.home)
         self.sensor = sensor
@@ -138,7 +139,7 @@ class MeasuredArm:
 
     def getRobotMode(self) -> int:
         """See `Arm`."""
-        return RUNNING
+        return self.robot_mode
 
     def getSpeedScaling(self) -> float:
         """See `Arm`."""

@@ -45,6 +45,8 @@ _SOLVERS: dict[str, _Solver] = {
 _SIDES = 16  # of a hole's ring and of a round lead
 _RIM = 0.5e-3  # [m] least thickness of the ring's boxes
 _PATCH = (0.020, 0.015)  # [m] half extent of the board's part that can be touched
+_PLUG = 0.2e-3  # [m] half the thickness of what can close the holes
+_AWAY = (0.0, 0.0, -1.0)  # [m] where nothing is touched
 _MARGIN = 0.020  # [m] of board around the outermost holes
 _BOARD_MASS = 0.5  # [kg] of the carrier
 _BOARD_STIFFNESS = 1e5  # [N/m]
@@ -280,6 +282,7 @@ def scene_xml(board: Board, component: Component, workcell: Workcell, fidelity: 
 <joint name="board" type="slide" axis="0 0 1" stiffness="{_BOARD_STIFFNESS}" damping="{damping!r}"/>
 {hole_geoms(component, board.thickness)}</body>
 {mjcf_arm(_tool(component, tip, visual=visual), visual=visual)}
+<body name="plug" pos="{numbers(_AWAY)}"><geom class="hole" size="{numbers((*_PATCH, _PLUG))}"/></body>
 </worldbody>
 <actuator>{mjcf_actuators()}</actuator>
 <sensor><force name="force" site="ft"/><torque name="torque" site="ft"/></sensor>
@@ -313,6 +316,7 @@ class Scene:
         self._tip = self.workcell.gripper_reach + component.grip
         self._scratch: Any = mujoco.MjData(self.model)
         self._holes = self.model.body("holes").id
+        self._plug = self.model.body("plug").id
         first_box = int(self.model.body_geomadr[self._holes])
         self._ring = slice(first_box, first_box + _SIDES * len(component.holes))
         self._ring_at = self.model.geom_pos[self._ring].copy()  # (boxes, 3) [m]
@@ -360,6 +364,11 @@ class Scene:
         self.model.geom_pos[self._ring] = self._ring_at + wider * self._outwards
         self.model.body_pos[self._holes] = (x, y, self.board.z)
         self.model.body_quat[self._holes] = (math.cos(yaw / 2), 0.0, 0.0, math.sin(yaw / 2))
+
+    def close_holes(self, depth: float | None) -> None:
+        """Close the holes that can be touched at `depth` [m] below the board's top; None opens them."""
+        x, y, z = self.model.body_pos[self._holes].tolist()
+        self.model.body_pos[self._plug] = _AWAY if depth is None else (x, y, z - depth - _PLUG)
 
     def present_part(self, present: bool, x: float = 0.0, y: float = 0.0, yaw: float = 0.0) -> None:
         """Put a part into the feeder, or take it away.

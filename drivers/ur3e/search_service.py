@@ -8,7 +8,9 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections import deque
+from dataclasses import replace
 
+from drivers.ur3e.arm import NORMAL, PROTECTIVE_STOP
 from drivers.ur3e.skill import Felt, InsertionSkill
 from drivers.ur3e.telemetry import ObservedArm, Telemetry, pose_of, wrench_of
 from runtime import topics
@@ -16,7 +18,20 @@ from runtime.bus import Envelope
 from runtime.cell import Hole
 from runtime.context import Context
 from runtime.errors import ArmError, SessionError
-from runtime.messages import BASE_FRAME, Attempt, Candidate, Outcome, Phase, Proposal, SearchGoal, Waypoint, header
+from runtime.messages import (
+    BASE_FRAME,
+    NANOSECONDS,
+    Attempt,
+    Candidate,
+    Choice,
+    Outcome,
+    Phase,
+    Proposal,
+    SearchGoal,
+    Waypoint,
+    header,
+)
+from runtime.messages.attendance import DROPPED_WORDS, JAM_WORDS
 from runtime.topics import MessageT, Topic
 
 
@@ -34,7 +49,12 @@ class SearchService(ABC):
         self._context = context
         self._attempts = context.bus.publisher(topics.ATTEMPT)
         self._telemetry = Telemetry(context)
+        self._stopped_at: int | None = None  # [ns] since when the arm has not been allowed to move
+        self._begun = False  # motion has been permitted for the first time
+        self._attended = context.cell.attendance.attended
         context.bus.subscribe(topics.SESSION, topics.PERMIT, topics.SEARCH_GOAL, topics.CANDIDATE)
+        if self._attended:
+            context.bus.subscribe(topics.ANSWER_GIVEN)
 
     @property
     @abstractmethod
@@ -67,7 +87,10 @@ class SearchService(ABC):
 
     @abstractmethod
     def _recover(self, felt: Felt) -> None:
-        """Make the arm able to go on after an aborted attempt. Raises ArmError where that is not safe."""
+        """Make the arm able to go on after an aborted attempt. Raises ArmError where that is not safe.
+
+        In an attended cell a person has looked at a protective stop by then.
+        """
 
     def run(self) -> None:
         """Serve searches until the cell closes. Raises SessionError if the arm cannot go on; it is halted by then."""
@@ -88,11 +111,27 @@ class SearchService(ABC):
 
     def _after_cycle(self, arm: ObservedArm) -> None:
         self._telemetry(arm)
+        self._tell_stops(arm)
         if self._halted():
             self._telemetry.activity = "halted"
             self._telemetry.publish_status(arm)
             self._check()
             raise _Stopped
+
+    def _tell_stops(self, arm: ObservedArm) -> None:
+        """Say in the log what a stop interrupted, and that the same goes on after it."""
+        stopped = arm.safety_mode not in (NORMAL, PROTECTIVE_STOP)
+        if stopped == (self._stopped_at is not None) or not self._begun or self._context.stopping:
+            return
+        activity, context = self._telemetry.activity, self._context
+        if self._stopped_at is None:
+            self._stopped_at = arm.time
+            height = arm.pose[0][2] - context.cell.board.z
+            part = f" with {self._telemetry.holding}" if self._telemetry.holding else ""
+            context.log(f"stopped during {activity}{part}, TCP {1e3 * height:.1f} mm above the board")
+        else:
+            context.log(f"goes on with {activity} after {(arm.time - self._stopped_at) / NANOSECONDS:.2f} s")
+            self._stopped_at = None
 
     def _wait_for_cell(self) -> bool:
         """Wait until every plugin is there and the interlock permits motion. False if the cell closes before."""
@@ -104,6 +143,7 @@ class SearchService(ABC):
         self._telemetry.describe()
         self._telemetry.publish_state(self._arm)
         self._wait_for_first_permit()
+        self._begun = True
         return not self._context.stopping
 
     def _next(self, topic: Topic[MessageT]) -> MessageT | None:
@@ -122,6 +162,9 @@ class SearchService(ABC):
         goal = self._next(topics.SEARCH_GOAL)
         if goal is None:
             return False
+        if all(goal.hole != place.name for place in self._context.cell.board.holes):
+            self._context.admission.refuse(topics.SEARCH_GOAL.name, f"the board has no hole {goal.hole[:20]!r}")
+            return True
         self._present(goal)
         self._do("pick")
         self._skill.pick()
@@ -133,8 +176,7 @@ class SearchService(ABC):
             if candidate.search != goal.search:
                 continue
             if candidate.exhausted:
-                self._do("discard")
-                self._skill.discard()
+                self._put_away()
             elif not self._attempt(goal, hole, candidate):
                 continue
             self._telemetry.holding = ""
@@ -143,18 +185,52 @@ class SearchService(ABC):
             return True
         return False
 
+    def _put_away(self) -> None:
+        """Leave a hole that is given up: the part goes to the reject bin, the arm to where it is in nobody's way."""
+        if self._has_part():
+            self._do("discard")
+            self._skill.discard()
+        else:
+            self._do("home")
+            self._skill.let_go()
+
     def _attempt(self, goal: SearchGoal, hole: Hole, candidate: Candidate) -> bool:
         """Try a candidate, let go of the part if it is seated, tell what was felt. Whether it is seated."""
         self._do(f"board {goal.board} hole {goal.hole}: attempt {candidate.number}")
-        felt = touch(self._skill, hole, candidate.proposal)
+        felt = self._judged(touch(self._skill, hole, candidate.proposal))
         ended = self._arm.time
         if felt.outcome is Outcome.SEATED:
             self._do("release")
             self._skill.release()
         self._attempts.send(attempt_message(goal, candidate, felt, ended), self._arm.time)
-        if felt.outcome is Outcome.ABORTED:
+        if felt.outcome is Outcome.ABORTED and self._may_recover(goal):
             self._recover(felt)
         return felt.outcome is Outcome.SEATED
+
+    def _judged(self, felt: Felt) -> Felt:
+        """What was felt, or that it means nothing: without a part, and to a person who can look, with a jammed one."""
+        if not self._has_part():
+            self._telemetry.holding = ""
+            return replace(felt, outcome=Outcome.ABORTED, reason=DROPPED_WORDS)
+        if self._attended and self._skill.jammed(felt):
+            reason = f"{JAM_WORDS} {1e3 * felt.depth:.2f} mm deep"
+            return replace(felt, outcome=Outcome.ABORTED, reason=reason)
+        return felt
+
+    def _may_recover(self, goal: SearchGoal) -> bool:
+        """Wait until a person has looked at a protective stop, where there is one. False if the job ends with it."""
+        if not self._attended or self._arm.safety_mode != PROTECTIVE_STOP:
+            return True
+        self._do("waiting for a person")
+        self._telemetry.publish_status(self._arm)
+        while (given := self._next(topics.ANSWER_GIVEN)) is not None:
+            if given.search == goal.search:
+                if given.choice != Choice.ABORT:
+                    return True
+                break
+        while not self._context.stopping:
+            self._wait_for_arrival()
+        return False
 
     def _do(self, activity: str) -> None:
         self._telemetry.activity = activity

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from drivers.ur3e.arm import Arm
+from drivers.ur3e.mishap import Mishap
 from drivers.ur3e.scene import Fidelity
 from drivers.ur3e.simulated_arm import SimulatedArm
 from drivers.ur3e.simulated_cell import SimulatedCell
@@ -23,6 +24,7 @@ class Setup:
     fidelity: Fidelity
     workcell: Workcell
     skill: SkillSettings
+    mishaps: tuple[Mishap, ...] = ()  # in sessions
 
     def simulate(
         self,

@@ -57,6 +57,7 @@ class SimulatedArm(MeasuredArm):
         super().__init__(scene, ForceTorqueSensor(seed, noise))
         self.stop_reason = ""  # why the last protective stop happened
         self.stops = 0  # how many protective stops there have been
+        self.stop_mode = SAFEGUARD_STOP  # safety mode to show without permission; the stop itself is the same
         self.held = False  # the program is paused: motion is braked along its path, without a safety stop
         self.torque: list[float] | None = None  # (6,) [Nm] in place of the servos, gravity apart
         self._damping, self._gain = DEFAULT_DAMPING, DEFAULT_GAIN  # of force mode
@@ -72,7 +73,7 @@ class SimulatedArm(MeasuredArm):
         permitted = self.gate(self.time)
         controller = self.controller
         if self.safety_mode != PROTECTIVE_STOP:
-            self.safety_mode = NORMAL if permitted else SAFEGUARD_STOP
+            self.safety_mode = NORMAL if permitted else self.stop_mode
             if self.torque is not None:
                 self._drive(permitted)
             compliance = controller.compliance

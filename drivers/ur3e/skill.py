@@ -12,10 +12,10 @@ import math
 from collections.abc import Sequence
 
 from drivers.ur3e import frames
-from drivers.ur3e.arm import GRIPPER_PIN, SAFEGUARD_STOP, Arm
+from drivers.ur3e.arm import EMERGENCY_STOP, GRIPPER_PIN, SAFEGUARD_STOP, Arm
 from drivers.ur3e.parameters import CYCLE
 from drivers.ur3e.slide import Polyline, Slide
-from drivers.ur3e.touch import Felt, SkillSettings, Touch, stopped
+from drivers.ur3e.touch import Felt, SkillSettings, Touch, jammed, stopped
 from drivers.ur3e.workcell import Workcell
 from runtime.cell import Board, Hole
 from runtime.component import Component
@@ -51,6 +51,22 @@ class InsertionSkill:
         self._rise()
         if not self._arm.moveJ(self._cell.home):
             raise ArmError(f"stopped on the way home: {stopped(self._arm)}")
+
+    def lift(self) -> None:
+        """Straight up from wherever the arm stands, slowly, to the height at which nothing is in the way."""
+        pose = self._arm.getActualTCPPose()
+        pose[2] = max(pose[2], self._travel)
+        self._move(pose, self._settings.retract_speed)
+
+    def let_go(self) -> None:
+        """Open the gripper, which has no part, and go home."""
+        self._grip(False)
+        self._carry(False)
+        self.home()
+
+    def jammed(self, felt: Felt) -> bool:
+        """Whether a part that is not seated had its pins in the holes."""
+        return jammed(felt, self._component, self._settings)
 
     def pick(self) -> None:
         """Fetch a part from the feeder."""
@@ -176,8 +192,8 @@ class InsertionSkill:
             self._arm.waitPeriod(cycle)
 
     def _grip(self, closed: bool) -> None:
-        """Open or close the gripper; not while a safeguard stop lasts."""
-        while self._arm.getSafetyMode() == SAFEGUARD_STOP:
+        """Open or close the gripper; not while a safeguard or an emergency stop lasts."""
+        while self._arm.getSafetyMode() in (SAFEGUARD_STOP, EMERGENCY_STOP):
             cycle = self._arm.initPeriod()
             self._arm.waitPeriod(cycle)
         self._arm.setToolDigitalOut(GRIPPER_PIN, closed)

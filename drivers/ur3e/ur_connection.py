@@ -40,6 +40,7 @@ _RECIPE = [
     "actual_TCP_force",
     "target_TCP_pose",
     "ft_raw_wrench",
+    "actual_digital_input_bits",
     "actual_digital_output_bits",
     "robot_mode",
     "safety_mode",
@@ -122,6 +123,7 @@ class Sample:
     actual_tcp_force: list[float]
     target_tcp_pose: list[float]
     raw_wrench: list[float]
+    digital_inputs: int  # bits
     digital_outputs: int  # bits
     robot_mode: int
     safety_mode: int
@@ -146,6 +148,7 @@ def _sample(receive: Any) -> Sample:
         receive.getActualTCPForce(),
         receive.getTargetTCPPose(),
         receive.getFtRawWrench(),
+        receive.getActualDigitalInputBits(),
         receive.getActualDigitalOutputBits(),
         receive.getRobotMode(),
         receive.getSafetyMode(),

@@ -15,6 +15,7 @@ from rich.console import Console
 from rich.table import Table
 
 from runtime import config
+from runtime.commands.attendance import PROMPT, TypedLines, answer_of, show_request
 from runtime.commands.progress import progress_bar
 from runtime.config import CellFile
 from runtime.errors import InputError, LogError, SessionError
@@ -40,7 +41,12 @@ def launch_command(arguments: argparse.Namespace) -> int:
     }
     if arguments.port is not None:
         overrides["bus"] = {"port": arguments.port}
+    if arguments.attended:
+        overrides["attendance"] = {"mode": "attended"}
     cell_file = config.load(arguments.cell, overrides)
+    typed = TypedLines()
+    if cell_file.cell.attendance.attended and arguments.in_process and not typed.available:
+        raise InputError("an attended cell that runs with --in-process is answered in its terminal, and there is none")
     logs = Path(arguments.logs)
     order = Order(
         cell_file,
@@ -52,7 +58,7 @@ def launch_command(arguments: argparse.Namespace) -> int:
     )
     console = Console()
     try:
-        session = _with_bar(order, console, run_in_process if arguments.in_process else launch)
+        session = _with_bar(order, console, typed, run_in_process if arguments.in_process else launch)
     except FailedSessionError as failed:
         with contextlib.suppress(SessionError, LogError):  # what failed is what is told
             tell_recording(failed.session, console)
@@ -60,6 +66,8 @@ def launch_command(arguments: argparse.Namespace) -> int:
     summarise(session, cell_file, console)
     if session.interrupted:
         raise KeyboardInterrupt
+    if session.aborted:
+        raise SessionError(session.aborted)
     return 0
 
 
@@ -74,9 +82,10 @@ def viewer_mode(mode: str) -> str | None:
     return mode
 
 
-def _with_bar(order: Order, console: Console, run: Run) -> Session:
+def _with_bar(order: Order, console: Console, typed: TypedLines, run: Run) -> Session:
     cell = order.cell_file.cell
     total = cell.boards * len(cell.board.holes)
+    attendant = _Attendant(console, typed)
     with progress_bar(console) as bar:
         task = bar.add_task(f"{cell.component}, {cell.strategy}", total=total, detail="starting")
 
@@ -86,12 +95,46 @@ def _with_bar(order: Order, console: Console, run: Run) -> Session:
                     when = line.stamp.sec + line.stamp.nanosec / NANOSECONDS
                     text = f"{when:.2f} s  {line.name}: {line.msg}"
                     console.print(text, highlight=False, markup=False, soft_wrap=True)
+            attendant.look(progress)
             where = f"board {progress.board} hole {progress.hole}" if progress.hole else "starting"
             stopped = "" if progress.permitted else "  [yellow]stopped[/]"
             detail = f"{where}  {progress.attempts} attempts  {progress.session_time:.1f} s{stopped}"
-            bar.update(task, completed=progress.done, detail=detail)
+            if progress.request is not None:
+                detail += "  [yellow]waits for a person[/]"
+            bar.update(task, total=progress.searches, completed=progress.done, detail=detail)
 
         return run(order, show)
+
+
+class _Attendant:
+    """The person at this terminal: sees what the cell needs, and may type an answer."""
+
+    def __init__(self, console: Console, typed: TypedLines) -> None:
+        self._console, self._typed = console, typed
+        self._shown = 0  # number of the request shown last
+
+    def look(self, progress: Progress) -> None:
+        """Show a request that is new, hand on what was typed."""
+        request = progress.request
+        if progress.refusal:
+            self._say(progress.refusal)
+            progress.refusal = ""
+        if request is None:
+            return
+        if request.number > self._shown:
+            self._shown = request.number
+            self._typed.forget()
+            show_request(request, self._console)
+            self._say(PROMPT if self._typed.available else "answer with `palpate attend`")
+        line = self._typed.next()
+        if line is not None and line.strip():
+            try:
+                progress.answer = answer_of(line, request)
+            except InputError as error:
+                self._say(str(error))
+
+    def _say(self, text: str) -> None:
+        self._console.print(text, highlight=False, markup=False, soft_wrap=True)
 
 
 def summarise(session: Session, cell_file: CellFile, console: Console) -> None:

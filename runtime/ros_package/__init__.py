@@ -13,7 +13,21 @@ from typing import Any
 
 from runtime.declaration import declared, definition
 from runtime.errors import InputError
-from runtime.messages import Attempt, Ending, Outcome, Permit, Phase, SafetyState, SearchResult, SessionState
+from runtime.messages import (
+    AnswerGiven,
+    Attempt,
+    Choice,
+    Ending,
+    Intervention,
+    InterventionAnswer,
+    Need,
+    Outcome,
+    Permit,
+    Phase,
+    SafetyState,
+    SearchResult,
+    SessionState,
+)
 from runtime.messages.safety import Reset, ResetEdge
 
 NAME = "palpate_msgs"
@@ -22,7 +36,10 @@ VERSION = "0.1.0"  # of the package
 DEPENDENCIES = ("builtin_interfaces", "geometry_msgs", "std_msgs")
 # Constants are no part of a type's hash, so that these definitions and those in a log name the same types.
 ENUMERATIONS: dict[type[Any], tuple[str, type[IntEnum]]] = {
+    AnswerGiven: ("choice", Choice),
     Attempt: ("outcome", Outcome),
+    Intervention: ("need", Need),
+    InterventionAnswer: ("choice", Choice),
     Permit: ("state", SafetyState),
     Reset: ("edge", ResetEdge),
     SearchResult: ("ending", Ending),
