@@ -7,6 +7,7 @@ import threading
 from collections.abc import Callable, Iterator
 
 import pytest
+from hypothesis import settings
 
 from runtime.bus import Bus, Request
 from runtime.local_bus import LocalBus, LocalExchange
@@ -14,8 +15,33 @@ from runtime.messages import BeliefRequest
 from runtime.topics import Service
 from runtime.zenoh_bus import ZenohBus, ZenohRouter
 
+settings.register_profile("untimed", deadline=None)  # how long an example takes tells of the machine
+settings.load_profile("untimed")
+
+# Tests against a controller that keeps the machine's time: with `pytest -n 2` they run one after another.
+REAL_TIME = (
+    "bench_safety",
+    "control_box",
+    "dashboard",
+    "drivers",
+    "ports",
+    "primary",
+    "real_time",
+    "reverse",
+    "robot",
+    "rtde",
+)
+REAL_TIME += ("ur_rtde", "wired")
+
 BARRIER = Service("/test/barrier", BeliefRequest, BeliefRequest, "clerk", "an answer that comes after all before it")
 MakeBus = Callable[[str], Bus]
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """With `pytest -n 2`, keep what shares fixtures, or the machine's time, in one process."""
+    for item in items:
+        name = item.path.stem.removeprefix("test_")
+        item.add_marker(pytest.mark.xdist_group("real time" if name.startswith(REAL_TIME) else name))
 
 
 def unused_port() -> int:
