@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import json
 import os
+import signal
 import subprocess
 import sys
 import tempfile
@@ -13,12 +14,13 @@ from dataclasses import asdict, dataclass
 from types import TracebackType
 from typing import IO, Self
 
-from runtime.clock import Stopwatch
+from runtime.clock import Stopwatch, pause
 from runtime.errors import SessionError
 from runtime.roles import CLOSING_ORDER, RECORDER, Assignment
 
 START_TIMEOUT = 120.0  # [s] for all plugins to report; a busy machine imports slowly
 _CRASH = "Fatal Python error: "  # how the trace of a crash begins (faulthandler)
+_TOGETHER = 0.2  # [s] in which those end that cannot do without one that has
 CLOSE_TIMEOUT = 20.0  # [s] for one plugin to end in good order before it is killed
 
 
@@ -39,10 +41,14 @@ class Process:
         if crash is not None:
             before = f" after: {lines[crash - 1]}" if crash else ""
             return f"crashed ({lines[crash].removeprefix(_CRASH)}){before}"
-        return lines[-1] if lines else f"ended with code {self.popen.returncode}"
+        if lines:
+            return lines[-1]
+        code = self.popen.returncode
+        return f"was killed by {signal.Signals(-code).name}" if code < 0 else f"ended with code {code}"
 
     def end(self, timeout: float) -> bool:
         """Ask the process to end by closing its input; kill it after `timeout` seconds. True if it ended by itself."""
+        self.popen.send_signal(signal.SIGCONT)  # one that was stopped could not end
         if self.popen.stdin is not None:
             with contextlib.suppress(BrokenPipeError):
                 self.popen.stdin.close()
@@ -81,10 +87,18 @@ class Crew:
             popen.stdin.flush()
 
     def check(self) -> None:
-        """Raise SessionError if a plugin has ended."""
-        for process in self._processes.values():
-            if process.popen.poll() is not None:
-                raise SessionError(f"{process.role}: {process.last_words}")
+        """Raise SessionError if a plugin has ended, and tell of those that it took along."""
+        if self._ended():
+            pause(_TOGETHER)
+            raise SessionError("; ".join(f"{process.role}: {process.last_words}" for process in self._ended()))
+
+    def _ended(self) -> list[Process]:
+        return [process for process in self._processes.values() if process.popen.poll() is not None]
+
+    @property
+    def roles(self) -> set[str]:
+        """Those whose processes have been started and not ended."""
+        return set(self._processes)
 
     def wait_until_ready(self, wait_for: Callable[[set[str], float], set[str]]) -> None:
         """Wait until all have announced themselves. Raises SessionError if one ends before, or it takes too long."""

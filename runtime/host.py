@@ -36,9 +36,9 @@ def main() -> int:
     try:
         from runtime.zenoh_bus import ZenohBus
 
-        with ZenohBus(assignment.role, assignment.port, assignment.domain) as bus:
+        with ZenohBus(assignment.role, assignment.meeting_point) as bus:
             cell = cell_of(assignment.document, assignment.where)
-            context = Context(assignment.role, bus, cell, assignment.session)
+            context = Context(assignment.role, bus, cell, assignment.session, bytes.fromhex(assignment.seal_key))
             signal.signal(signal.SIGTERM, lambda _number, _frame: context.stop())
             threading.Thread(target=_stop_at_end, args=(sys.stdin, context), daemon=True).start()
             run(assignment, context)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Iterator
 from contextlib import ExitStack
-from dataclasses import dataclass, fields, is_dataclass
+from dataclasses import dataclass, fields, is_dataclass, replace
 from importlib.util import find_spec
 from typing import Any
 
@@ -43,6 +43,7 @@ WIRED = pytest.param(
 )
 OURS = {topic.name for topic in (topics.SESSION, topics.SEARCH_GOAL, topics.CANDIDATE, topics.PERMIT)}
 SECOND = 1_000_000_000
+SESSION_NAME = "test"
 
 
 @dataclass
@@ -55,10 +56,11 @@ class Stage:
     thread: threading.Thread
     audience: LocalBus
     failure: list[BaseException]
+    permits: int = 0
 
     def begin(self) -> None:
         session = self.audience.publisher(topics.SESSION)
-        session.send(SessionState(header(0), "test", Phase.STARTING, ""), 0)
+        session.send(SessionState(header(0), SESSION_NAME, Phase.STARTING, ""), 0)
 
     def hear(self, timeout: float = PATIENCE) -> Envelope | None:
         """The next thing the driver says."""
@@ -78,7 +80,11 @@ class Stage:
         self.permit(granted, 0, until)
 
     def permit(self, granted: bool, since: int, until: int) -> None:
-        word = Permit(header(since), granted, int(granted), "" if granted else "locked", stamp_of(until))
+        self.permits += 1
+        reason = "" if granted else "locked"
+        word = Permit(
+            header(since), granted, int(granted), reason, stamp_of(until), ossd=self.permits, session=SESSION_NAME
+        )
         self.audience.publisher(topics.PERMIT).send(word, since)
 
     def traces(self, until: int) -> list[ControlTrace]:
@@ -108,10 +114,11 @@ def stage(request: pytest.FixtureRequest) -> Iterator[Stage]:
 def staged(name: str, settings: dict[str, Any]) -> Iterator[Stage]:
     role = ROLES[name]
     cell = config.load("igbt").cell
+    cell = replace(cell, safety=replace(cell.safety, deadline=2.0))
     exchange = LocalExchange()
     audience = LocalBus(exchange, roles.RECORDER)
     audience.subscribe_all()
-    context = Context(role, LocalBus(exchange, role), cell, "test")
+    context = Context(role, LocalBus(exchange, role), cell, SESSION_NAME)
     plugin: Driver = registry.driver(name, settings, "test")
     failure: list[BaseException] = []
 
@@ -216,6 +223,8 @@ def test_it_moves_no_further_than_its_permit_and_says_when_it_needs_the_next(sta
     assert max(stamps) == granted_until
     stage.permit(True, granted_until, SECOND)
     following = stage.hear()
+    while following is not None and following.topic == topics.ROSOUT.name:  # it says that it had to wait
+        following = stage.hear()
     assert following is not None
     assert following.stamp > granted_until
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
+from drivers.ur3e.mishap import Mishap
 from drivers.ur3e.skill import SkillSettings
 from drivers.ur3e.workcell import Workcell
 from runtime.config import Cell
@@ -24,6 +25,7 @@ class MujocoUr3e:
     fidelity: Literal["reference", "fast"] = "reference"  # reference: 1 ms steps; fast: 2 ms, contact 10 um less exact
     workcell: Workcell = field(default_factory=Workcell)
     skill: SkillSettings = field(default_factory=SkillSettings)
+    mishaps: tuple[Mishap, ...] = ()  # what goes wrong on purpose
 
     simulated: ClassVar[bool] = True
     controller: ClassVar[str] = "drivers.ur3e.control_box.process"  # serves the arm on a UR controller's ports
@@ -75,4 +77,4 @@ class MujocoUr3e:
         """The simulation and the skill as the settings describe them."""
         from drivers.ur3e.setup import Setup
 
-        return Setup(self.fidelity, self.workcell, self.skill)
+        return Setup(self.fidelity, self.workcell, self.skill, self.mishaps)

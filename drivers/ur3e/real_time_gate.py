@@ -8,17 +8,20 @@ several times before it ends.
 
 from __future__ import annotations
 
+import logging
 from collections import deque
 from dataclasses import dataclass, field
 
 from runtime.bus import Envelope, Publisher
 from runtime.context import Context
-from runtime.errors import SessionError
-from runtime.messages import Clock, nanoseconds_of, stamp_of
+from runtime.held_permit import HeldPermit
+from runtime.messages import NANOSECONDS, Clock, stamp_of
+from runtime.permit_gate import silent
 from runtime.topics import PERMIT
 
 TICK = 20_000_000  # [ns] of session time between ticks of /clock: a permit of 200 ms outlasts nine of them
-PATIENCE = 15_000_000_000  # [ns] of session time without a word until the interlock counts as lost
+_LATE = 100_000_000  # [ns] of session time after a permit's end until that is told
+_NOTED = 1_000_000_000  # [ns] of session time between lines about permits that ended
 
 
 @dataclass
@@ -27,12 +30,15 @@ class RealTimeGate:
 
     context: Context
     clock: Publisher[Clock]
+    held: HeldPermit = field(init=False)
     waiting: deque[Envelope] = field(default_factory=deque)  # arrivals that are not for the gate
     lost: bool = False  # the interlock has fallen silent
-    _granted: bool = False
-    _until: int = -1  # [ns]
     _heard: int = 0  # [ns] when the interlock last spoke
+    _noted: int = -_NOTED  # [ns] when it was last told that a permit ended
     _ticked: int = -TICK  # [ns]
+
+    def __post_init__(self) -> None:
+        self.held = HeldPermit(self.context)
 
     def __call__(self, now: int) -> bool:
         """Whether the arm may move at session time `now` [ns]. Never blocks."""
@@ -41,24 +47,26 @@ class RealTimeGate:
             self._ticked = now
             self.clock.send(Clock(clock=stamp_of(now)), now)
         self._take_arrivals(now)
-        self.lost = self.lost or now - self._heard > PATIENCE
+        self.lost = self.lost or now - self._heard > self.context.cell.safety.patience * NANOSECONDS
+        if self.held.granted and now > self.held.until + _LATE > self._noted + _NOTED:
+            self._noted = now
+            self.context.log("no fresh permit: the arm stands", logging.WARNING)
         return self.permits(now)
 
     def permits(self, now: int) -> bool:
         """What the last word means for session time `now` [ns]."""
-        return self._granted and now < self._until and not self.lost and not self.context.stopping
+        return self.held.permits(now) and not self.lost
 
     def _take_arrivals(self, now: int) -> None:
         while (item := self.context.bus.inbox.poll()) is not None:
             if not isinstance(item, Envelope):
                 continue
-            if item.topic == PERMIT.name:
-                permit = item.read(PERMIT)
-                self._granted, self._until, self._heard = permit.granted, nanoseconds_of(permit.valid_until), now
-            else:
+            if item.topic != PERMIT.name:
                 self.waiting.append(item)
+            elif self.held.hear(item, self._ticked):
+                self._heard = now
 
     def check(self) -> None:
         """Raise SessionError once the interlock has fallen silent."""
         if self.lost:
-            raise SessionError(f"no word from the interlock within {PATIENCE / 1e9:g} s: the arm is halted")
+            raise silent(self.context)

@@ -49,6 +49,7 @@ class SearchService(ABC):
         self._context = context
         self._attempts = context.bus.publisher(topics.ATTEMPT)
         self._telemetry = Telemetry(context)
+        self._served = 0  # number of the search begun last
         self._stopped_at: int | None = None  # [ns] since when the arm has not been allowed to move
         self._begun = False  # motion has been permitted for the first time
         self._attended = context.cell.attendance.attended
@@ -162,9 +163,14 @@ class SearchService(ABC):
         goal = self._next(topics.SEARCH_GOAL)
         if goal is None:
             return False
+        if goal.search <= self._served:
+            why = f"search {goal.search} comes after search {self._served}"
+            self._context.admission.refuse(topics.SEARCH_GOAL.name, why)
+            return True
         if all(goal.hole != place.name for place in self._context.cell.board.holes):
             self._context.admission.refuse(topics.SEARCH_GOAL.name, f"the board has no hole {goal.hole[:20]!r}")
             return True
+        self._served = goal.search
         self._present(goal)
         self._do("pick")
         self._skill.pick()

@@ -24,7 +24,7 @@ from runtime.bus import Envelope
 from runtime.component import component
 from runtime.config import Cell
 from runtime.context import Context
-from runtime.errors import ArmError, CellError
+from runtime.errors import ArmError, CellError, SessionError
 from runtime.messages import NANOSECONDS, SearchGoal
 from runtime.quantity import Duration, Frequency, NotNegative, Positive
 
@@ -48,12 +48,16 @@ class UrRtde:
     number on the board from 1 in 20, then the search number in 18. It has the part and the board in place, and answers
     with the search number in output integer register 19. A 0 in 18 takes the question back, and the answer with it: so
     every session begins, with a board in which nothing is yet.
+    `part_sensor` is the digital input that is on while the gripper has a part: 0-7 standard, 8-15 configurable, 16-17
+    at the tool. Without one a part that was dropped is not noticed: a peck without it ends at depth like a seated one.
+
     Without `handshake` nobody answers: the arm waits `feed_time` before each part, at home if the board is a fresh one,
     for a person or a feeder that needs no word.
 
     The arm begins by going straight up from where it stands, and then to its home configuration. Without a permit the
     speed slider is held at 0: an operational stop, no safety function. The light curtain of a real arm has to be wired
-    to the controller's safeguard input.
+    to the controller's safeguard input. An emergency stop that the interlock hears of takes the power from the drives
+    as well, once the arm stands, and ends the session; the one that counts is wired to the controller.
 
     `simulated = true` says that the controller at `address` is a simulated one, so that what is learnt there is
     never taken for evidence of a real board; an address on this machine needs it.
@@ -70,6 +74,7 @@ class UrRtde:
         10.0  # [Hz] the arm halts if it hears less often from here
     )
     protective_stops: Annotated[int, Field(ge=0, le=40)] = 3  # that are recovered from in one session
+    part_sensor: Annotated[int, Field(ge=0, le=17)] | None = None
     workcell: Workcell = field(default_factory=Workcell)
     skill: SkillSettings = field(default_factory=SkillSettings)
 
@@ -129,7 +134,14 @@ class _WiredService(SearchService):
 
     def after_cycle(self) -> None:
         """What the arm calls after every cycle of the session."""
-        self._after_cycle(self._arm)
+        held, arm = self._gate.held, self._arm
+        self._after_cycle(arm)
+        if held.emergency and arm.standing and arm.power_off():
+            self._do("halted")
+            self._telemetry.publish_status(arm)
+            raise SessionError(
+                f"{held.reason}: the arm is halted and its drives are without power; power it on, then launch again"
+            )
 
     @property
     def _waiting(self) -> deque[Envelope]:
@@ -187,7 +199,8 @@ class _WiredService(SearchService):
             self._arm.cycle()
 
     def _has_part(self) -> bool:
-        return True  # the gripper does not tell; a peck without a part ends at depth and counts as seated
+        sensor = self._settings.part_sensor
+        return sensor is None or self._arm.digital_input(sensor)
 
     def _recover(self, felt: Felt) -> None:
         """Release a protective stop met at the board, have the control program again, and go straight up."""
@@ -195,7 +208,7 @@ class _WiredService(SearchService):
         protective = arm.safety_mode == PROTECTIVE_STOP
         if not (protective or arm.program_ended):
             return
-        if protective:
+        if protective and not self._attended:  # or else a person has looked
             self._protective_stops += 1
             if self._protective_stops > self._settings.protective_stops:
                 raise ArmError(

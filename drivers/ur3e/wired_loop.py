@@ -91,6 +91,10 @@ class WiredLoop:
         """What the cell's controller has in its register."""
         return self._sample.answer
 
+    def digital_input(self, number: int) -> bool:
+        """Whether an input is on: 0-7 standard, 8-15 configurable, 16-17 at the tool."""
+        return bool(self._sample.digital_inputs >> number & 1)
+
     @property
     def program_ended(self) -> bool:
         """Whether the control program no longer runs on the arm."""
@@ -130,6 +134,19 @@ class WiredLoop:
         """Write input integer registers, in this order: (number, value) each. The cell's controller reads them."""
         for register, value in values:
             self._send(partial(self._wires.io.setInputIntRegister, register, value))
+
+    def power_off(self) -> bool:
+        """Take the power from an arm that stands; its control program ends with that. False while a call is under way.
+
+        Raises ConnectionLostError if the controller does not answer.
+        """
+        if not self._wires.caller.idle:
+            return False
+        try:
+            self._wires.dashboard.powerOff()
+        except Exception:  # ur-rtde raises whatever its sockets do
+            raise self._lost() from None
+        return True
 
     def close(self) -> None:
         """End the control program, give the speed slider back as it was, hang up. The arm stands afterwards."""
