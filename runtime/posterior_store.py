@@ -134,6 +134,14 @@ class PosteriorStore(Closing):
             for board, hole, x, y, path in rows
         ]
 
+    def identities(self, board_type: str, component: str, *, scope: str) -> set[tuple[str, int]]:
+        """Session and number of every search that counts."""
+        rows = self._read(
+            f"SELECT session, search FROM search WHERE scope = ? AND board_type = ? AND component = ? AND {COUNTS}",
+            (scope, board_type, component),
+        )
+        return {(session, search) for session, search in rows}
+
     def evidence(
         self,
         board_type: str | None = None,
@@ -214,6 +222,12 @@ class PosteriorStore(Closing):
             ).fetchall()
             wanted = [number for number, *identity, life in rows if digest.life(*identity) < life][:most]
             return read_evidence(connection, "id IN (SELECT value FROM json_each(?))", (json.dumps(wanted),))
+
+    def revision(self) -> tuple[int, int]:
+        """Another value after every change, through this store or by another process."""
+        with self._reading() as connection:
+            elsewhere = connection.execute("PRAGMA data_version").fetchone()[0]
+            return int(elsewhere), connection.total_changes
 
     def forget(self, board_type: str | None = None, *, scope: str | None = None) -> int:
         """Let the evidence of a board type, or of all, in one scope or all, count no more; how many searches."""

@@ -74,8 +74,10 @@ def _lessons(goal: SearchGoal, holes: set[str]) -> tuple[_Lesson, ...]:
     lessons += [_Lesson(board, hole, None, False, tuple(paths)) for (board, hole), paths in misses.items()]
     boards = sorted({lesson.board for lesson in lessons})
     first = boards[max(len(boards) // _BLOCK - 1, 0) * _BLOCK] if boards else 0
+    kept = [lesson for lesson in lessons if lesson.board >= first or lesson.board == goal.board]
+    # The board at hand comes last: others that are worked on meanwhile, in other cells, may have higher numbers.
     # Stable: within a board in the order of arrival, what was not found after what was.
-    return tuple(sorted((lesson for lesson in lessons if lesson.board >= first), key=lambda lesson: lesson.board))
+    return tuple(sorted(kept, key=lambda lesson: (lesson.board == goal.board, lesson.board)))
 
 
 _Key = tuple[tuple[Place, ...], FeasibleArea, Reading]

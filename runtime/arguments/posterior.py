@@ -11,6 +11,7 @@ examples:
   palpate posterior export holes.json               take it to another cell
   palpate posterior import holes.json --store line2/posterior.sqlite3
   palpate posterior forget inverter-9               begin anew
+  palpate posterior serve                           let cells share it
 
 The store is logs/posterior.sqlite3 unless --store or --logs says otherwise. A cell may be running."""
 
@@ -51,7 +52,22 @@ examples:
   palpate posterior forget inverter-9 --scope real --yes
   palpate posterior forget inverter-9 --undo             let it count again
 
-What is forgotten stays in the file but counts no more, nor does a copy of it that another cell or an import brings."""
+What is forgotten stays in the file but counts no more, nor does a copy of it that another cell or an import brings.
+Cells that share their evidence forget it together, and recall it together."""
+
+SERVE = """\
+examples:
+  palpate posterior serve --store shared.sqlite3                       for cells on this machine
+  palpate posterior serve --listen tls/0.0.0.0:7460 --keys keys        for a network
+
+In the file of each cell, with the address by which it reaches this machine:
+  [posterior]
+  share = "tls/192.168.0.2:7460"
+  keys = "keys"
+Every cell keeps a store of its own and works on when nobody answers here; afterwards each catches up with all others.
+This store keeps what they found, so that it also reaches cells that never run at the same time. It can be looked at
+meanwhile. The cells' keys, posterior.pem and posterior.key, and the router.pem and router.key of this machine, come
+from one `palpate keys`."""
 
 _SCOPE = "only evidence of this world, as `palpate posterior list` names it"
 
@@ -66,6 +82,7 @@ def add_posterior(commands: Commands) -> None:
     _add_export(actions)
     _add_import(actions)
     _add_forget(actions)
+    _add_serve(actions)
 
 
 def _add(actions: Commands, name: str, text: str, examples: str) -> Parser:
@@ -120,3 +137,14 @@ def _add_forget(actions: Commands) -> None:
     forget.add_argument("--scope", metavar="SCOPE", help=_SCOPE)
     forget.add_argument("--yes", action="store_true", help="do not ask")
     forget.add_argument("--undo", action="store_true", help="let what was forgotten count again")
+
+
+def _add_serve(actions: Commands) -> None:
+    serve = _add(actions, "serve", "let cells share what they learn: they meet here", SERVE)
+    serve.add_argument(
+        "--listen",
+        action="append",
+        metavar="ADDRESS",
+        help="tcp/HOST:PORT or tls/HOST:PORT; may be repeated (default: tcp/127.0.0.1:7460, this machine alone)",
+    )
+    serve.add_argument("--keys", metavar="DIR", help="folder that `palpate keys` made, for tls/")

@@ -146,6 +146,14 @@ def forget_command(arguments: argparse.Namespace) -> int:
     return 0
 
 
+def serve_command(arguments: argparse.Namespace) -> int:
+    """Let cells share what they learn until Ctrl-C ends it."""
+    from runtime.commands.posterior_serve import folder_of, serve
+
+    serve(_path(arguments), arguments.listen, folder_of(arguments.keys))
+    return 0
+
+
 def _path(arguments: argparse.Namespace) -> Path:
     return Path(arguments.store) if arguments.store else Path(arguments.logs) / "posterior.sqlite3"
 
