@@ -50,12 +50,21 @@ class Envelope:
     stamp: int  # session time of sending [ns]
     sequence: int  # of its publisher on its topic, from 1
     publisher: bytes  # (16,) identity of the publisher
+    _message: Any = field(default=None, init=False, repr=False, compare=False)  # once it is decoded
 
     def read(self, topic: Topic[MessageT]) -> MessageT:
         """The message, if it belongs to `topic`."""
         if topic.name != self.topic:
             raise BusError(f"a message of {self.topic} was read as one of {topic.name}")
+        if isinstance(self._message, topic.type):
+            return self._message
         return decode(self.payload, topic.type)
+
+    def decoded(self, topic: Topic[MessageT]) -> MessageT:
+        """Like `read`, and whoever reads this envelope again gets the same message."""
+        message = self.read(topic)
+        object.__setattr__(self, "_message", message)
+        return message
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,6 +88,7 @@ class Request:
 
 BACKLOG = 100_000  # messages that may wait for one who hears everything, before their senders are held up
 _LOOK = 0.02  # [s] between looks for messages that are kept elsewhere
+_PUBLISHERS = 10_000  # of one topic each, that are told apart
 _GATHERED = 4_000  # items that are gathered at most, so that a flood is worked off while it lasts
 
 
@@ -87,11 +97,15 @@ class Inbox:
     """What arrives for one plugin, in order of arrival."""
 
     lost: Counter[str] = field(default_factory=Counter)  # messages that never arrived, by topic
+    before: Counter[str] = field(default_factory=Counter)  # those of them that came before a publisher's first
     received: Counter[tuple[str, bytes]] = field(default_factory=Counter)  # by topic and publisher
+    malformed: int = 0  # messages that a bus could not read: their key, their attachment, or too many publishers
     _queue: queue.SimpleQueue[Any] = field(default_factory=queue.SimpleQueue)
     _last: dict[tuple[str, bytes], int] = field(default_factory=dict)
     _fetch: Callable[[], None] | None = None
     _read: Callable[[Any], Envelope | None] | None = None
+    _admits: Callable[[Envelope | Request], bool] | None = None
+    _refuse: Callable[[str, str], None] | None = None
     _flooded: bool = False  # more was waiting than was gathered last time
 
     def fetch_by(self, fetch: Callable[[], None]) -> None:
@@ -110,30 +124,51 @@ class Inbox:
         self._read = read
         return self._queue.put
 
+    def admit_by(self, admits: Callable[[Envelope | Request], bool], refuse: Callable[[str, str], None]) -> None:
+        """Let `admits` say what may be taken from here; `refuse` hears under which name a bus drops something, and why.
+
+        Both are called in the thread that takes.
+        """
+        self._admits, self._refuse = admits, refuse
+
+    def refuse(self, name: str, reason: str) -> None:
+        """Count what a bus could not read."""
+        self.malformed += 1
+        if self._refuse is not None:
+            self._refuse(name, reason)
+
     def put(self, item: Envelope | Request) -> None:
         """Called by a bus, from any thread: only counts and enqueues, since a slow callback stalls the transport."""
-        if isinstance(item, Envelope):
-            self._count(item)
-        self._queue.put(item)
+        if not isinstance(item, Envelope) or self._count(item):
+            self._queue.put(item)
 
-    def _count(self, envelope: Envelope) -> None:
+    def _count(self, envelope: Envelope) -> bool:
+        """Take note of a message; False if there are more publishers than a cell can have, to keep memory bounded."""
         key = (envelope.topic, envelope.publisher)
         sequence, last = envelope.sequence, self._last
+        if key not in last and len(last) >= _PUBLISHERS:
+            self.malformed += 1
+            return False
         missing = sequence - last.get(key, 0) - 1
         if missing > 0:
             self.lost[envelope.topic] += missing
+            if key not in last:
+                self.before[envelope.topic] += missing
         last[key] = sequence
         self.received[key] += 1
+        return True
 
     def _taken(self, item: Any) -> Envelope | Request | None:
-        """What was in the queue, read if the transport left that to do; None for a `wake` and what is unreadable."""
-        if item is None or isinstance(item, (Envelope, Request)):
-            return item
-        assert self._read is not None, "only what it is to read comes unread"
-        envelope = self._read(item)
-        if envelope is not None:
-            self._count(envelope)
-        return envelope
+        """What was in the queue, read if the transport left that to do; None for a `wake` and what is not let in."""
+        if item is None:
+            return None
+        if not isinstance(item, (Envelope, Request)):
+            assert self._read is not None, "only what it is to read comes unread"
+            envelope = self._read(item)
+            if envelope is None or not self._count(envelope):
+                return None
+            item = envelope
+        return item if self._admits is None or self._admits(item) else None
 
     def wake(self) -> None:
         """Make a waiting `receive` return None."""
@@ -154,7 +189,7 @@ class Inbox:
                     return None
                 continue
             taken = self._taken(item)
-            if taken is not None or item is None:
+            if taken is not None or item is None or (timeout is not None and watch.seconds >= timeout):
                 return taken
 
     def poll(self) -> Envelope | Request | None:

@@ -19,28 +19,39 @@ from collections import Counter
 from dataclasses import dataclass, field, replace
 from importlib import resources
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
 from runtime import registry
-from runtime.cell import HOLE_RADIUS_LIMIT, WIDEST_HOLE, Board, Name, Safety, SearchLimits, Tolerances
+from runtime.cell import HOLE_RADIUS_LIMIT, WIDEST_HOLE, Attendance, Board, Name, Safety, SearchLimits, Tolerances
 from runtime.clock import parse_rate
 from runtime.component import COMPONENTS, clearance_of_pins
 from runtime.errors import CellError, InputError, alternatives
+from runtime.meeting_point import DEFAULT_PORT, LOOPBACK, MeetingPoint
 from runtime.plugin import Driver, Strategy
 from runtime.settings import read
+from runtime.sharing_point import check_endpoint, is_loopback
 
 DEFAULT_CELL = "igbt"
+Host = Annotated[str, Field(pattern=r"^[A-Za-z0-9:][A-Za-z0-9.:-]*$")]
 SIMULATES = "arm"  # the one role that is told the tolerances and the seed
 
 
 @dataclass(frozen=True)
 class BusSettings:
-    """Where the plugins meet: on loopback."""
+    """Where the plugins meet: on loopback, or on a network with TLS and access control."""
 
-    port: Annotated[int, Field(ge=1, le=65535)] = 7447
+    port: Annotated[int, Field(ge=1, le=65535)] = DEFAULT_PORT
     domain: Annotated[int, Field(ge=0, le=232)] = 0  # ROS_DOMAIN_ID
+    listen: Host | Annotated[tuple[Host, ...], Field(min_length=1)] = LOOPBACK  # addresses of this machine
+    security: Literal["none", "mtls"] = "none"
+    keys: str = "keys"  # folder that `palpate keys` made, as seen from the cell file; for mtls
+
+    @property
+    def hosts(self) -> tuple[str, ...]:
+        """What to listen on."""
+        return (self.listen,) if isinstance(self.listen, str) else self.listen
 
 
 @dataclass(frozen=True)
@@ -48,7 +59,14 @@ class PosteriorSettings:
     """What is remembered from earlier sessions."""
 
     path: str = ""  # of the store; empty: posterior.sqlite3 beside the logs
+    share: str | tuple[str, ...] = ()  # routers where cells meet, "tcp/192.168.0.2:7460"; empty: alone
+    keys: str = ""  # folder of keys for tls/, as seen from the cell file; empty: that of the bus, if it has mtls
     scope: str = "real"  # evidence of one physical or simulated world; set by the launcher for simulated ones
+
+    @property
+    def shared_through(self) -> tuple[str, ...]:
+        """Endpoints of the routers where cells meet, in the order in which they are tried; none: alone."""
+        return tuple(filter(None, (self.share,))) if isinstance(self.share, str) else self.share
 
 
 @dataclass(frozen=True)
@@ -64,6 +82,7 @@ class Cell:
     rate: str = "max"
     search: SearchLimits = field(default_factory=SearchLimits)
     safety: Safety = field(default_factory=Safety)
+    attendance: Attendance = field(default_factory=Attendance)
     tolerances: Tolerances = field(default_factory=Tolerances)
     bus: BusSettings = field(default_factory=BusSettings)
     posterior: PosteriorSettings = field(default_factory=PosteriorSettings)
@@ -79,6 +98,19 @@ class CellFile:
     text: str
     document: dict[str, Any]
     cell: Cell
+    folder: Path = Path()  # where it lies
+
+    @property
+    def meeting_point(self) -> MeetingPoint:
+        """Where the cell's plugins meet."""
+        bus = self.cell.bus
+        keys = self.folder / bus.keys if bus.security == "mtls" else None
+        return MeetingPoint(bus.port, bus.domain, bus.hosts, keys)
+
+    @property
+    def sharing_keys(self) -> Path | None:
+        """Folder of keys to share evidence with; None: without TLS."""
+        return self.folder / self.cell.posterior.keys if self.cell.posterior.keys else self.meeting_point.keys
 
 
 def shipped() -> dict[str, Path]:
@@ -117,7 +149,13 @@ def load(name: str, overrides: dict[str, Any] | None = None) -> CellFile:
             document[key] = value
     cell = cell_of(document, path.name)
     _check(cell, path.name)
-    return CellFile(path.name, text, document, cell)
+    return CellFile(path.name, text, document, cell, path.parent)
+
+
+def meeting_point(cell: str | None, port: int | None) -> MeetingPoint:
+    """Where to join a cell that runs: as its file says, or without one on this machine. A port given goes before."""
+    found = MeetingPoint() if cell is None else load(cell).meeting_point
+    return found if port is None else replace(found, port=port)
 
 
 def cell_of(document: dict[str, Any], where: str) -> Cell:
@@ -135,6 +173,8 @@ def _check(cell: Cell, where: str) -> None:
         parse_rate(cell.rate)
     except InputError as error:
         raise CellError(f"{where}: {error}") from None
+    _check_bus(cell.bus, where)
+    _check_sharing(cell, where)
     _check_holes(cell, where)
     for name in {*cell.strategies, cell.strategy}:
         registry.strategy(name, cell.strategies.get(name, {}), where)
@@ -150,6 +190,25 @@ def robot_of(cell: Cell, where: str) -> Driver:
 def strategy_of(cell: Cell, where: str) -> Strategy:
     """The cell's strategy with its settings."""
     return registry.strategy(cell.strategy, cell.strategies.get(cell.strategy, {}), where)
+
+
+def _check_bus(bus: BusSettings, where: str) -> None:
+    """Raise CellError for a cell that would be open to a network without protection."""
+    outside = [host for host in bus.hosts if not is_loopback(host)]
+    if outside and bus.security == "none":
+        raise CellError(
+            f"{where}: bus.listen: {outside[0]} is open to the network; make keys with 'palpate keys DIR --host "
+            f'{outside[0]}\' beside the cell file and add security = "mtls" and keys = "DIR" to [bus]'
+        )
+
+
+def _check_sharing(cell: Cell, where: str) -> None:
+    keys = bool(cell.posterior.keys) or cell.bus.security == "mtls"
+    for endpoint in cell.posterior.shared_through:
+        try:
+            check_endpoint(endpoint, keys=keys)
+        except InputError as error:
+            raise CellError(f"{where}: posterior.share: {error}") from None
 
 
 def _check_holes(cell: Cell, where: str) -> None:

@@ -7,11 +7,15 @@ import threading
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 
+from runtime.access import RECORDER
+from runtime.admission import Admission
 from runtime.bus import Bus, Envelope, Publisher, Request
 from runtime.clock import SessionClock
 from runtime.config import Cell
 from runtime.messages import Log, PublisherCounts, header, stamp_of
-from runtime.topics import COUNTS, ROSOUT
+from runtime.topics import COUNTS, PERMIT, ROSOUT
+
+_JUDGED = {"arm": frozenset({PERMIT.name})}  # a permit that is not believed may stop the arm all the same
 
 
 @dataclass
@@ -22,10 +26,22 @@ class Context:
     bus: Bus
     cell: Cell  # without the tolerances, unless the plugin simulates the world
     session: str
+    seal_key: bytes = field(default=b"", repr=False)  # for interlock and arm: of the permits' seals
     clock: SessionClock = field(default_factory=SessionClock)
+    admission: Admission = field(init=False)  # what is not let in never reaches the plugin
     _stop: threading.Event = field(default_factory=threading.Event)
     _rosout: Publisher[Log] | None = None
     _counts: Publisher[PublisherCounts] | None = None
+
+    def __post_init__(self) -> None:
+        self.admission = Admission(
+            lambda text: self.log(text, logging.WARNING),
+            self.clock,
+            self.session,
+            judged=_JUDGED.get(self.role, frozenset()),
+            everything=self.role == RECORDER,
+        )
+        self.bus.inbox.admit_by(self.admission, self.admission.refuse)
 
     @property
     def stopping(self) -> bool:
@@ -63,5 +79,6 @@ class Context:
     def close(self) -> None:
         """Say how much was published, so that the recorder can tell whether all of it arrived."""
         if self._counts is not None:
+            self.admission.close()
             now = self.clock.now
             self._counts.send(PublisherCounts(header(now), self.role, self.bus.counts()), now)

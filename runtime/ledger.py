@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from dataclasses import dataclass, field
 
+from runtime.access import CLIENTS
 from runtime.bus import Inbox
 from runtime.messages import PublisherCount
 from runtime.topics import COUNTS
@@ -15,20 +16,31 @@ class Ledger:
     """What was sent, as far as the publishers said so, against what arrived."""
 
     inbox: Inbox
-    sent: Counter[str] = field(default_factory=Counter)
+    _said: dict[str, Counter[str]] = field(default_factory=dict)  # by plugin
 
-    def note(self, counts: list[PublisherCount]) -> None:
-        """Take note of a closing plugin's last word."""
-        for count in counts:
-            self.sent[count.topic] += count.sent
+    def note(self, plugin: str, counts: list[PublisherCount]) -> None:
+        """Take note of a closing plugin's last word. What a stranger says it has sent is not believed."""
+        if plugin in CLIENTS:
+            self._said[plugin] = Counter({count.topic: count.sent for count in counts})
+
+    @property
+    def sent(self) -> Counter[str]:
+        """Messages by topic that plugins say they have sent."""
+        return sum(self._said.values(), Counter())
 
     def accounted(self) -> Counter[str]:
         """Messages by topic that arrived or are known to be lost. /session/counts is left out: it counts itself not."""
-        total = Counter(dict(list(self.inbox.lost.items())))
+        total = self._gaps()
         for (topic, _), number in list(self.inbox.received.items()):
             total[topic] += number
         del total[COUNTS.name]
         return total
+
+    def _gaps(self) -> Counter[str]:
+        """Messages that are missing between others. Before a publisher's first, only its last word tells of any: a
+        stranger may have spoken long before there was anybody to record it."""
+        inbox = self.inbox
+        return Counter(dict(list(inbox.lost.items()))) - Counter(dict(list(inbox.before.items())))
 
     def complete(self) -> bool:
         """Whether every publisher that was heard of has said its last word and all it sent has arrived."""
@@ -38,7 +50,7 @@ class Ledger:
 
     def lost(self) -> dict[str, int]:
         """Messages that never arrived, by topic: gaps in the sequence and what is missing at the end."""
-        lost = Counter(dict(list(self.inbox.lost.items())))
+        lost = self._gaps()
         lost.update(self.sent - self.accounted())
         return {topic: number for topic, number in sorted(lost.items()) if number and topic != COUNTS.name}
 

@@ -9,6 +9,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+from runtime.access import RECORDER
 from runtime.bus import Envelope, Request
 from runtime.clock import Stopwatch
 from runtime.context import Context
@@ -21,12 +22,14 @@ from runtime.messages import Phase, SnapshotReply
 from runtime.recording import FileRecording, Opening, Recording
 from runtime.snapshot_ring import RingRecording
 from runtime.topics import COUNTS, ROBOT_DESCRIPTION, SESSION, SNAPSHOT
+from runtime.validity import fault
 
 DESCRIPTION_FILE = "robot_description.urdf"  # attachment
 BACKLOG = 5_000  # messages that may wait before senders are held up: a tenth of a second of work, lost if it is killed
 LINGER = 0.02  # [s] of machine time in which messages gather before they are written together
 QUIET = 2.0  # [s] of machine time without an arrival after which nothing more is expected
 DRAIN_LIMIT = 15.0  # [s] of machine time for which a stopped recorder goes on receiving at most
+_GREETED = 100  # types, for a stranger can make up any number
 _SAID = frozenset({Phase.DONE, Phase.CLOSING, Phase.FAILED})  # phases in which a session may end
 
 
@@ -123,10 +126,13 @@ class _Taken:
         try:
             look(item)
         except BusError as error:
-            self._context.log(f"{item.topic} is recorded as it came: {error}", logging.WARNING)
+            self._context.admission.refuse(item.topic, str(error))
 
     def _hear_counts(self, item: Envelope) -> None:
-        self._ledger.note(item.read(COUNTS).counts)
+        counts = item.read(COUNTS)
+        if wrong := fault(counts):
+            raise BusError(wrong)
+        self._ledger.note(counts.plugin, counts.counts)
 
     def _hear_description(self, item: Envelope) -> None:
         if not self._described:
@@ -145,7 +151,7 @@ class _Taken:
     def _greet(self, item: Envelope) -> None:
         """Look at the first message of a type."""
         self._types.add(item.type)
-        if not definition_of(item.type):
+        if not definition_of(item.type) and len(self._types) <= _GREETED:
             self._context.log(
                 f"{item.topic} carries {item.type}, which palpate does not know: recorded without its definition",
                 logging.WARNING,
@@ -167,7 +173,7 @@ class _Taken:
         """Receive until nothing more is to come, and write down what is missing."""
         inbox = self._context.bus.inbox
         own = [count for count in self._context.bus.counts() if count.topic != COUNTS.name]
-        self._ledger.note(own)
+        self._ledger.note(RECORDER, own)
         total, quiet = Stopwatch(), Stopwatch()
         while (
             not (self._ledger.complete() and not len(inbox)) and quiet.seconds < QUIET and total.seconds < DRAIN_LIMIT

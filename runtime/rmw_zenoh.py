@@ -109,4 +109,6 @@ def unpacked(data: bytes) -> tuple[int, int, bytes]:
     sequence, stamp, length, publisher = _ATTACHMENT.unpack(data)
     if length != 16:
         raise BusError(f"a publisher's identity has 16 bytes, not {length}")
+    if sequence < 1 or stamp < 0:
+        raise BusError(f"sequence {sequence} or stamp {stamp} ns is none")
     return sequence, stamp, publisher

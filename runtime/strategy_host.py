@@ -12,6 +12,7 @@ from runtime.errors import SessionError
 from runtime.messages import BASE_FRAME, Attempt, Candidate, Outcome, Proposal, SearchGoal, header
 from runtime.plugin import Search, Strategy
 from runtime.topics import ATTEMPT, CANDIDATE, SEARCH_GOAL
+from runtime.validity import fault
 
 
 @dataclass(frozen=True)
@@ -28,11 +29,15 @@ class StrategyHost:
         session = SearchSession(strategy)
         for item in context.arrivals():
             if isinstance(item, Envelope):
-                answer = (
-                    session.begin(item.read(SEARCH_GOAL))
-                    if item.topic == SEARCH_GOAL.name
-                    else session.observe(item.read(ATTEMPT))
-                )
+                if item.topic == SEARCH_GOAL.name:
+                    goal = item.read(SEARCH_GOAL)
+                    if session.goal is not None and goal.search <= session.goal.search:
+                        why = f"search {goal.search} comes after search {session.goal.search}"
+                        context.admission.refuse(SEARCH_GOAL.name, why)
+                        continue
+                    answer: Candidate | None = session.begin(goal)
+                else:
+                    answer = session.observe(item.read(ATTEMPT))
                 if answer is not None:
                     candidates.send(stamped(answer, context.clock.now), context.clock.now)
 
@@ -80,10 +85,11 @@ class SearchSession:
             proposal = next(self.search) if attempt is None else self.search.send(attempt)
         except StopIteration:
             return self._exhausted("the strategy knows no further position")
-        if not (math.isfinite(proposal.x) and math.isfinite(proposal.y)):
-            raise SessionError(f"strategy {type(self.strategy).__name__} proposed ({proposal.x}, {proposal.y})")
         self.number += 1
-        return Candidate(self.goal.header, self.goal.search, self.number, False, "", proposal)
+        candidate = Candidate(self.goal.header, self.goal.search, self.number, False, "", proposal)
+        if wrong := fault(candidate):
+            raise SessionError(f"strategy {type(self.strategy).__name__} proposed what no arm would try: {wrong}")
+        return candidate
 
     def _exhausted(self, reason: str) -> Candidate:
         assert self.goal is not None

@@ -1,71 +1,64 @@
-"""The bus on Zenoh: the only file that imports zenoh.
+"""The bus on Zenoh.
 
-Plugins are clients of one router, which the launcher runs on loopback. A client's declarations reach the router in the
-order they were made, so once the router has seen a plugin's announcement it knows all its subscriptions, and nothing
-published afterwards can miss them. A publisher sends nothing until it hears of a subscriber, so plugins keep silent
-until the session begins: that word reaches each of them behind everybody's subscriptions.
+Plugins are clients of one router, which the launcher runs: on loopback, or with TLS and access control for a network.
+A client's declarations reach the router in the order they were made, so once the router has seen a plugin's
+announcement it knows all its subscriptions, and nothing published afterwards can miss them. A publisher sends nothing
+until it hears of a subscriber, so plugins keep silent until the session begins: that word reaches each of them behind
+everybody's subscriptions.
 """
 
 from __future__ import annotations
 
-import json
 import threading
 from typing import Any, Generic
 
 import zenoh
 from zenoh import ext
 
-from runtime import rmw_zenoh
-from runtime.bus import Envelope, Inbox, MessageT, Request, check_readable, decode, encode
+from runtime import access, rmw_zenoh
+from runtime.access import service_key
+from runtime.bus import BACKLOG, Envelope, Inbox, MessageT, Request, check_readable, decode, encode
+from runtime.clock import Stopwatch
 from runtime.closing import Closing
 from runtime.errors import BusError, InputError
+from runtime.meeting_point import DEFAULT_PORT, MeetingPoint
 from runtime.messages import PublisherCount
 from runtime.topics import ReplyT, RequestT, Service, Topic
+from runtime.zenoh_session import config, shown
 
-DEFAULT_PORT = 7447  # the router port of rmw_zenoh
-LOOPBACK = "127.0.0.1"
 CONNECT_TIMEOUT = 10.0  # [s]
-_BACKLOG = 100_000  # messages that may wait for a recorder before its senders are held up
-_BLOCKED_FOR = (
-    60_000_000  # [us] a slow receiver may hold a sender up before the transport gives up; zenoh's default is 5 s
-)
-
-
-def _config(settings: dict[str, Any]) -> zenoh.Config:
-    config = zenoh.Config()
-    common = {
-        "scouting/multicast/enabled": False,
-        "scouting/gossip/enabled": True,
-        "timestamping/enabled": True,
-        "transport/link/tx/queue/congestion_control/block/wait_before_close": _BLOCKED_FOR,
-    }
-    for name, value in (common | settings).items():
-        config.insert_json5(name, json.dumps(value))
-    return config
-
-
-def _service_key(service: Service[Any, Any]) -> str:
-    return f"palpate{service.name}"
+_HEARTBEAT = 0.5  # [s] after which a latched publisher tells once more which message was its last, as rmw_zenoh's do
+_FETCHED = 2_000  # messages that are fetched at once, so that a flood is worked off while it lasts
 
 
 class ZenohRouter(Closing):
-    """The meeting point of a cell's plugins. Listens on loopback only."""
+    """The meeting point of a cell's plugins, or with `playback` of a log's listeners.
 
-    def __init__(self, port: int = DEFAULT_PORT, domain: int = rmw_zenoh.DOMAIN) -> None:
-        self.port = port
+    Raises InputError for a port or an address that it cannot have, or for keys that are not right.
+    """
+
+    def __init__(self, point: MeetingPoint | int = DEFAULT_PORT, *, playback: bool = False) -> None:
+        self.point = point = point if isinstance(point, MeetingPoint) else MeetingPoint(point)
         self._present: set[str] = set()
+        self._left: dict[str, Stopwatch] = {}  # since each went for the first time
         self._changed = threading.Condition()
+        settings: dict[str, Any] = {
+            "mode": "router",
+            "listen/endpoints": [point.endpoint(host) for host in point.hosts],
+            "connect/endpoints": [],
+        }
+        if point.keys is not None:
+            settings |= shown(access.ROUTER, point.keys, "listen", point.hosts)
+            settings["access_control"] = access.control(point.domain, playback=playback)
         try:
-            self._session = zenoh.open(
-                _config({"mode": "router", "listen/endpoints": [f"tcp/{LOOPBACK}:{port}"], "connect/endpoints": []})
-            )
+            self._session = zenoh.open(config(settings))
         except zenoh.ZError as error:
             raise InputError(
-                f"port {port} on {LOOPBACK} is in use or not allowed; is another cell running? "
+                f"port {point.port} on {', '.join(point.hosts)} is in use or not allowed; is another cell running? "
                 f"End it, or choose another port with --port ({str(error).splitlines()[0][:120]})"
             ) from None
         self._tokens = self._session.liveliness().declare_subscriber(
-            rmw_zenoh.node_tokens(domain), self._on_token, history=True
+            rmw_zenoh.node_tokens(point.domain), self._on_token, history=True
         )
 
     def _on_token(self, sample: zenoh.Sample) -> None:
@@ -75,6 +68,7 @@ class ZenohRouter(Closing):
                 self._present.add(node)
             else:
                 self._present.discard(node)
+                self._left.setdefault(node, Stopwatch())
             self._changed.notify_all()
 
     def wait_for(self, roles: set[str], timeout: float) -> set[str]:
@@ -82,6 +76,15 @@ class ZenohRouter(Closing):
         with self._changed:
             self._changed.wait_for(lambda: roles <= self._present, timeout)
             return roles - self._present
+
+    def lost_touch(self, roles: set[str], grace: float) -> set[str]:
+        """Those of these roles that went more than `grace` seconds ago, even if they have come back since.
+
+        A client that says nothing for ten seconds has gone, and so has one whose connection broke: what was on its way
+        to it is lost.
+        """
+        with self._changed:
+            return {role for role in roles & self._left.keys() if self._left[role].seconds > grace}
 
     def close(self) -> None:
         """Stop routing."""
@@ -95,19 +98,20 @@ class ZenohPublisher(Generic[MessageT]):
     def __init__(self, session: zenoh.Session, topic: Topic[MessageT], token: str, domain: int) -> None:
         self.topic = topic
         self.sent = 0
-        self._identity = rmw_zenoh.identity(token)
+        self.identity = rmw_zenoh.identity(token)  # (16,) in every envelope
         name = rmw_zenoh.key(topic, domain)
-        self._publisher: zenoh.Publisher | ext.AdvancedPublisher
+        # An advanced publisher does not tell whether anybody listens, a plain one of the same key does.
+        self._plain = session.declare_publisher(name, congestion_control=zenoh.CongestionControl.BLOCK)
+        self._publisher: zenoh.Publisher | ext.AdvancedPublisher = self._plain
         if topic.latched:
             self._publisher = ext.declare_advanced_publisher(
                 session,
                 name,
                 cache=ext.CacheConfig(1),
                 publisher_detection=True,
+                sample_miss_detection=ext.MissDetectionConfig(heartbeat=None, sporadic_heartbeat=_HEARTBEAT),
                 congestion_control=zenoh.CongestionControl.BLOCK,
             )
-        else:
-            self._publisher = session.declare_publisher(name, congestion_control=zenoh.CongestionControl.BLOCK)
         self._token = session.liveliness().declare_token(token)
 
     def send(self, message: MessageT, stamp: int) -> None:
@@ -117,11 +121,17 @@ class ZenohPublisher(Generic[MessageT]):
     def send_raw(self, payload: bytes, stamp: int) -> None:
         """Publish a message that is CDR already."""
         self.sent += 1
-        attachment = rmw_zenoh.Attachment(self.sent, stamp, self._identity).pack()
+        attachment = rmw_zenoh.Attachment(self.sent, stamp, self.identity).pack()
         try:
             self._publisher.put(payload, attachment=attachment)
         except zenoh.ZError as error:
             raise BusError(f"{self.topic.name} could not be published: {error}") from None
+
+    @property
+    def matched(self) -> bool:
+        """Whether the router has told of a subscriber. It routes to those that it has told of."""
+        status: Any = self._plain.matching_status  # zenoh's stub calls it a bool, which it is not
+        return bool(status.matching)
 
 
 class ZenohBus(Closing):
@@ -130,35 +140,35 @@ class ZenohBus(Closing):
     def __init__(
         self,
         role: str,
-        port: int = DEFAULT_PORT,
-        domain: int = rmw_zenoh.DOMAIN,
+        point: MeetingPoint | int = DEFAULT_PORT,
         patience: float = CONNECT_TIMEOUT,  # [s] for the router to answer
     ) -> None:
         self.inbox = Inbox()
-        self.malformed = 0  # messages whose key or attachment could not be read, and were dropped
+        point = point if isinstance(point, MeetingPoint) else MeetingPoint(point)
         self._role = role
-        self._domain = domain
+        self._domain = point.domain
         self._publishers: dict[str, ZenohPublisher[Any]] = {}
         self._declared: list[Any] = []
+        self._rings: list[Any] = []  # subscribers that keep the latest messages
+        settings: dict[str, Any] = {
+            "mode": "client",
+            "connect/endpoints": [point.endpoint(point.host)],
+            "connect/timeout_ms": round(patience * 1000),
+            "listen/endpoints": [],
+        }
+        if point.keys is not None:
+            settings |= shown(role, point.keys, "connect")
         try:
-            self._session = zenoh.open(
-                _config(
-                    {
-                        "mode": "client",
-                        "connect/endpoints": [f"tcp/{LOOPBACK}:{port}"],
-                        "connect/timeout_ms": round(patience * 1000),
-                        "listen/endpoints": [],
-                    }
-                )
-            )
+            self._session = zenoh.open(config(settings))
         except zenoh.ZError as error:
-            raise BusError(f"no cell answers on {LOOPBACK}:{port}: {str(error).splitlines()[0][:120]}") from None
+            reason = str(error).splitlines()[0][:120]
+            raise BusError(f"no cell answers on {point}: {reason}") from None
         self._id = str(self._session.zid())
         # Direct: by default every subscriber has a thread of its own, and the order between topics is lost.
-        self._handler = zenoh.handlers.Callback(self._on_sample, indirect=False)
+        self._handler = zenoh.handlers.Callback(self.inbox.read_by(self._envelope), indirect=False)
 
     def _entity(self) -> int:
-        return len(self._declared) + len(self._publishers) + 1
+        return len(self._declared) + len(self._rings) + len(self._publishers) + 1
 
     def publisher(self, topic: Topic[MessageT]) -> ZenohPublisher[MessageT]:
         """Declare that this plugin publishes `topic`."""
@@ -183,31 +193,51 @@ class ZenohBus(Closing):
                 self._declared.append(self._session.declare_subscriber(name, self._handler))
             self._declared.append(self._session.liveliness().declare_token(token))
 
-    def subscribe_all(self) -> None:
+    def subscribe_latest(self, depth: int, *topics: Topic[Any]) -> None:
+        """Keep the last `depth` messages of each topic until the inbox is looked into."""
+        for topic in topics:
+            check_readable(self._role, topic)
+            name = rmw_zenoh.key(topic, self._domain)
+            token = rmw_zenoh.entity_token("MS", self._id, self._entity(), self._role, topic, self._domain)
+            self._rings.append(self._session.declare_subscriber(name, zenoh.handlers.RingChannel(depth)))
+            self._declared.append(self._session.liveliness().declare_token(token))
+        self.inbox.fetch_by(self._fetch_latest)
+
+    def _fetch_latest(self) -> None:
+        for ring in self._rings:
+            while (sample := ring.try_recv()) is not None:
+                self._on_sample(sample)
+
+    def subscribe_all(self, backlog: int = BACKLOG) -> None:
         """Let every message of the cell arrive in `inbox`."""
-        everything = self._session.declare_subscriber(f"{self._domain}/**", zenoh.handlers.FifoChannel(_BACKLOG))
+        everything = self._session.declare_subscriber(f"{self._domain}/**", zenoh.handlers.FifoChannel(backlog))
         self._declared.append(everything)
 
         def fetch() -> None:
-            while (sample := everything.try_recv()) is not None:
+            for _ in range(_FETCHED):
+                sample = everything.try_recv()
+                if sample is None:
+                    break
                 self._on_sample(sample)
 
         self.inbox.fetch_by(fetch)
 
     def _on_sample(self, sample: zenoh.Sample) -> None:
+        envelope = self._envelope(sample)
+        if envelope is not None:
+            self.inbox.put(envelope)
+
+    def _envelope(self, sample: zenoh.Sample) -> Envelope | None:
+        topic = "keys of no topic"
         try:
             topic, ros_type = rmw_zenoh.parse_key(str(sample.key_expr))
             if sample.attachment is None:
                 raise BusError(f"a message of {topic} has no attachment")
-            attachment = rmw_zenoh.Attachment.unpack(bytes(sample.attachment))
-        except BusError:
-            self.malformed += 1
-            return
-        self.inbox.put(
-            Envelope(
-                topic, ros_type, bytes(sample.payload), attachment.stamp, attachment.sequence, attachment.publisher
-            )
-        )
+            sequence, stamp, publisher = rmw_zenoh.unpacked(bytes(sample.attachment))
+        except BusError as error:
+            self.inbox.refuse(topic, str(error))
+            return None
+        return Envelope(topic, ros_type, bytes(sample.payload), stamp, sequence, publisher)
 
     def serve(self, service: Service[Any, Any]) -> None:
         """Let requests to `service` arrive in `inbox`."""
@@ -220,20 +250,31 @@ class ZenohBus(Closing):
             self.inbox.put(Request(service.name, bytes(query.payload or b""), answer))
 
         handler = zenoh.handlers.Callback(on_query, indirect=False)
-        self._declared.append(self._session.declare_queryable(_service_key(service), handler, complete=True))
+        self._declared.append(self._session.declare_queryable(service_key(service), handler, complete=True))
 
     def request(self, service: Service[RequestT, ReplyT], message: RequestT, timeout: float) -> ReplyT:
         """Ask and wait."""
-        replies = self._session.get(_service_key(service), payload=encode(message), timeout=timeout)
+        watch = Stopwatch()
+        replies = self._session.get(service_key(service), payload=encode(message), timeout=timeout)
         for reply in replies:
-            if reply.ok is not None:
+            if reply.ok is None:
+                continue
+            try:
                 return decode(bytes(reply.ok.payload), service.reply)
-        raise BusError(f"{service.name} gave no answer within {timeout:g} s; {service.server!r} should")
+            except BusError as error:
+                self.inbox.refuse(service.name, str(error))
+        when = f"within {timeout:g} s" if watch.seconds >= timeout else "because nobody serves it now"
+        raise BusError(f"{service.name} gave no answer {when}; {service.server!r} should")
 
     def announce(self) -> None:
         """Tell the cell that everything is declared."""
         token = rmw_zenoh.node_token(self._id, self._role, self._domain)
         self._declared.append(self._session.liveliness().declare_token(token))
+
+    def settle(self) -> None:
+        """Wait for an answer of the router: what it knew of subscribers comes before."""
+        for _ in self._session.liveliness().get(rmw_zenoh.node_tokens(self._domain), timeout=CONNECT_TIMEOUT):
+            pass
 
     def counts(self) -> list[PublisherCount]:
         """What was published so far."""
