@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from drivers.light_curtain.spans import Span
+from drivers.light_curtain.spans import Span, holds
 
 PULSE_PERIOD = 40_000_000  # [ns]
 PULSE_WIDTH = 300_000  # [ns]
@@ -32,9 +32,12 @@ class Output:
     untested: tuple[Span, ...]  # no test pulses: switched off, or stuck
     phase: int  # [ns] of its test pulses
 
-    def level(self, now: int, before: int) -> Level:
-        """Its level at session time `now` [ns], to somebody who looked last at `before` [ns]."""
-        if any(begin <= now < end for begin, end in self.off):
+    def level(self, now: int, before: int, *, broken: bool = False) -> Level:
+        """Its level at session time `now` [ns], to somebody who looked last at `before` [ns].
+
+        `broken`: the light field is interrupted now, whatever was foreseen. An output that is stuck stays on.
+        """
+        if holds(self.off, now) or (broken and not holds(self.untested, now)):
             return Level(False, 0, now)
         pulse = self._pulse_up_to(now)
         if pulse is not None and now < pulse[1]:

@@ -31,9 +31,12 @@ class Script:
         """Whether the light field is clear at session time `now` [ns]."""
         return not holds(self.broken, now)
 
-    def word(self, now: int, before: int) -> Ossd:
-        """What the curtain says at session time `now` [ns], having spoken last at `before` [ns]."""
-        first, second = (output.level(now, before) for output in self.outputs)
+    def word(self, now: int, before: int, *, broken: bool = False) -> Ossd:
+        """What the curtain says at session time `now` [ns], having spoken last at `before` [ns].
+
+        `broken`: somebody holds the light field interrupted, whatever the script says.
+        """
+        first, second = (output.level(now, before, broken=broken) for output in self.outputs)
         return Ossd(
             header(now),
             first.on,

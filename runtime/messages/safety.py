@@ -130,5 +130,6 @@ class CurtainState:
     channel_1: Bool  # on
     channel_2: Bool
     time: Seconds  # session time that the curtain knows of
+    heard: Seconds  # of the machine's monotonic clock, when the command was taken: for who measures on this machine
 
     __msgtype__: ClassVar[str]
