@@ -20,7 +20,7 @@ from typing import Any
 
 from runtime import rmw_zenoh
 from runtime.bus import READS_HIDDEN
-from runtime.topics import Service, Topic, services, topics
+from runtime.topics import ANYBODY, Service, Topic, services, topics
 
 ROUTER = "router"  # the launcher's, or that of a log that is played
 GUEST = "guest"  # reads what is not hidden, and says nothing
@@ -41,7 +41,7 @@ def service_key(service: Service[Any, Any]) -> str:
 
 def control(domain: int, *, playback: bool = False) -> dict[str, Any]:
     """Zenoh's `access_control` for the router of a cell; with `playback`, of a log that is played in its place."""
-    known = [topic for topic in topics().values() if topic.publisher in (*CLIENTS, "any")]
+    known = [topic for topic in topics().values() if topic.publisher in (*CLIENTS, ANYBODY)]
     rules: list[dict[str, Any]] = []
     for role in CLIENTS:
         rules += _rules(role, domain, known, plays=playback and role == PLAYER)
@@ -99,7 +99,7 @@ def _rules(role: str, domain: int, known: list[Topic[Any]], *, plays: bool) -> l
 
 def may_publish(role: str, topic: Topic[Any]) -> bool:
     """Whether a client of this role may publish a topic."""
-    return topic.publisher == role or (topic.publisher == "any" and role != GUEST)
+    return topic.publisher == role or (topic.publisher == ANYBODY and role != GUEST)
 
 
 def _keys(chosen: list[Topic[Any]], domain: int) -> list[str]:

@@ -13,7 +13,7 @@ from runtime.bus import Envelope, Request
 from runtime.clock import SessionClock, Stopwatch
 from runtime.errors import BusError
 from runtime.messages import Clock, Permit, nanoseconds_of
-from runtime.topics import known_service, known_topic
+from runtime.topics import ANYBODY, known_service, known_topic
 from runtime.validity import fault
 
 INTERVAL = 10.0  # [s] of machine time between two lines about what was dropped
@@ -46,6 +46,9 @@ class Admission:
         self._told: Stopwatch | None = None
         self._sequences: dict[tuple[str, bytes], int] = {}
         self._moments: dict[tuple[str, bytes], int] = {}  # [ns] that clock and permit last spoke of
+        self._publishers: dict[
+            str, bytes
+        ] = {}  # of topics that have one publisher in the map: the first that made sense
 
     def __call__(self, item: Envelope | Request) -> bool:
         """Whether an item is let in."""
@@ -95,7 +98,11 @@ class Admission:
             return str(error)
         if item.topic in self._judged:
             return ""
-        return fault(message, self._session) or self._disorder(item, message)
+        reason = fault(message, self._session) or self._disorder(item, message)
+        if reason or topic.publisher == ANYBODY:
+            return reason
+        first = self._publishers.setdefault(item.topic, item.publisher)
+        return "" if first == item.publisher else "it comes from a second publisher; the first is heard"
 
     def _fault_of_request(self, item: Request) -> str:
         service = known_service(item.service)

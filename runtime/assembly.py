@@ -256,8 +256,8 @@ class SearchReport:
         return self.seated is not None or given_up
 
     def hear_attempt(self, attempt: Attempt) -> None:
-        """What the arm felt; nothing if it was in another search."""
-        if attempt.search == self.goal.search:
+        """What the arm felt; nothing if it was in another search, or is an old word."""
+        if attempt.search == self.goal.search and attempt.number > self.attempts:
             self.attempts = attempt.number
             self.aborted = attempt.outcome == Outcome.ABORTED
             if attempt.outcome == Outcome.SEATED:

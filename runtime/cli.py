@@ -15,7 +15,7 @@ import sys
 from collections.abc import Sequence
 from typing import NoReturn
 
-from runtime.arguments import cells, logs, measures
+from runtime.arguments import cells, keys, log_contents, logs, measures, posterior
 from runtime.arguments.parser import Parser, parser
 
 DESCRIPTION = """\
@@ -29,17 +29,30 @@ examples:
   palpate robot                                   a simulated UR3e that any UR client can connect to
   palpate view logs/20261122-151233.mcap          look at a session in Rerun"""
 
+# How many threads share a sum decides how it is rounded, and a decision must not depend on where it was made.
+ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+
 
 def _parser() -> Parser:
     whole = parser("palpate", DESCRIPTION, EXAMPLES)
     whole.add_argument("--version", action="store_true", help="print the version and exit")
     commands = whole.add_subparsers(dest="command", metavar="COMMAND", parser_class=Parser)
     cells.add_launch(commands)
+    cells.add_attend(commands)
+    cells.add_snapshot(commands)
+    cells.add_curtain(commands)
     cells.add_robot(commands)
     logs.add_replay(commands)
+    logs.add_player(commands)
     logs.add_view(commands)
+    logs.add_recover(commands)
+    log_contents.add_info(commands)
+    log_contents.add_export(commands)
+    log_contents.add_messages(commands)
+    posterior.add_posterior(commands)
     measures.add_experiment(commands)
     cells.add_plugins(commands)
+    keys.add_keys(commands)
     cells.add_picture(commands)
     measures.add_bench(commands)
     return whole
@@ -65,6 +78,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _run(arguments: argparse.Namespace) -> int:
     signal.signal(signal.SIGTERM, _as_interrupt)
+    os.environ.update(ONE_THREAD)  # before anything loads linear algebra
     try:
         module, name = arguments.function.split(":")
         return int(getattr(importlib.import_module(module), name)(arguments))

@@ -13,7 +13,7 @@ from runtime.context import Context
 from runtime.errors import SessionError
 from runtime.follower import FailedSessionError, Follower, Progress, Session
 from runtime.host import run
-from runtime.launcher import Order, assignments, check_cell, new_session
+from runtime.launcher import Order, assignments, check_order, new_session
 from runtime.local_bus import LocalBus, LocalExchange
 from runtime.roles import Assignment
 
@@ -73,7 +73,7 @@ def _close(workers: dict[str, _Worker], follower: Follower) -> None:
 
 def run_in_process(order: Order, show: Callable[[Progress], None] = lambda _progress: None) -> Session:
     """Like `launcher.launch`, on a bus within this process."""
-    check_cell(order.cell_file)
+    check_order(order)
     session = new_session(order.logs)
     try:
         _run(order, session, show)
@@ -96,7 +96,9 @@ def _run(order: Order, session: Session, show: Callable[[Progress], None]) -> No
     try:
         for assignment in assignments(order, session):
             bus = LocalBus(exchange, assignment.role)
-            context = Context(assignment.role, bus, cell_of(assignment.document, assignment.where), session.name)
+            cell_told = cell_of(assignment.document, assignment.where)
+            key = bytes.fromhex(assignment.seal_key)
+            context = Context(assignment.role, bus, cell_told, session.name, key)
             workers[assignment.role] = _Worker(assignment, context)
         failure = _start(exchange, set(workers), check)
         with LocalBus(exchange, roles.LAUNCHER) as bus:

@@ -7,8 +7,10 @@ import json
 import os
 import platform
 import re
+import secrets
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass
+from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -20,9 +22,11 @@ from runtime.crew import Crew
 from runtime.errors import InputError, SessionError
 from runtime.follower import FailedSessionError, Follower, Progress, Session
 from runtime.log_split import Split
+from runtime.permit_seal import new_key
 from runtime.roles import Assignment
 from runtime.zenoh_bus import ZenohBus, ZenohRouter
 
+GRACE = 2.0  # [s] for a plugin that has left the bus to end, and to say why
 PACKAGES = ("palpate", "eclipse-zenoh", "mcap", "mujoco", "numpy", "pin", "rerun-sdk", "rosbags", "scipy")
 _SUFFIX = re.compile(r"(-snapshot-\d+|\.part\d+)?\.mcap.*")  # what follows a session's name in that of a file
 
@@ -44,7 +48,7 @@ def launch(order: Order, show: Callable[[Progress], None]) -> Session:
 
     Raises InputError if it cannot begin, FailedSessionError if a plugin fails.
     """
-    check_cell(order.cell_file)
+    check_order(order)
     session = new_session(order.logs)
     try:
         _run(order, session, show)
@@ -62,7 +66,9 @@ def _run(order: Order, session: Session, show: Callable[[Progress], None]) -> No
                 crew.start(assignment)
             failure = _start(crew, router)
             with ZenohBus(roles.LAUNCHER, point) as bus:
-                follower = Follower(bus, crew.check, session, cell.boards * len(cell.board.holes), show)
+                follower = Follower(
+                    bus, partial(_check, crew, router), session, cell.boards * len(cell.board.holes), show
+                )
                 try:
                     if failure is not None:
                         follower.fail(failure)
@@ -87,6 +93,13 @@ def _start(crew: Crew, router: ZenohRouter) -> SessionError | None:
     return None
 
 
+def _check(crew: Crew, router: ZenohRouter) -> None:
+    """Raise SessionError if a plugin has ended, or has been out of touch: nobody knows what it missed."""
+    crew.check()
+    if lost := router.lost_touch(crew.roles, GRACE):
+        raise SessionError(f"{', '.join(sorted(lost))}: stood still for too long, or lost the connection to the cell")
+
+
 def _close(crew: Crew, follower: Follower) -> None:
     try:
         crew.close(all_but=roles.RECORDER)
@@ -95,12 +108,23 @@ def _close(crew: Crew, follower: Follower) -> None:
         crew.close()
 
 
-def check_cell(cell_file: CellFile) -> None:
-    """Let the robot's driver say whether it can do what the cell asks. Raises CellError."""
+def check_order(order: Order) -> None:
+    """Let the robot's driver say whether it can do what the cell asks. Raises InputError for what cannot be begun."""
+    cell_file = order.cell_file
     cell = cell_file.cell
     check = getattr(robot_of(cell, cell_file.name), "check", None)
     if check is not None:
         check(cell, cell_file.name)
+    shared = cell.posterior.shared_through
+    if shared and order.fresh:
+        raise InputError(
+            f"{cell_file.name} shares its evidence, so --fresh would make every cell forget; leave out posterior.share "
+            f"to begin anew alone, or let all forget with 'palpate posterior forget {cell.board.type}'"
+        )
+    if cell_file.sharing_keys is not None and any(endpoint.startswith("tls/") for endpoint in shared):
+        from runtime.keys import credentials
+
+        credentials(cell_file.sharing_keys, roles.POSTERIOR)
 
 
 def new_session(logs: Path) -> Session:
@@ -131,12 +155,19 @@ def assignments(order: Order, session: Session) -> Iterator[Assignment]:
     simulated = getattr(robot_of(cell, order.cell_file.name), "simulated", False)
     scope = scope_of(document) if simulated else "real"
     document = {**document, "posterior": {**document.get("posterior", {}), "scope": scope}}
+    identity = f"{session.name}-{secrets.token_hex(4)}"  # cells that share evidence may begin in the same second
+    keys = order.cell_file.sharing_keys
     store = cell.posterior.path or str(order.logs / "posterior.sqlite3")
     options: dict[str, dict[str, Any]] = {
-        roles.POSTERIOR: {"path": store, "fresh": order.fresh},
+        roles.POSTERIOR: {
+            "path": store,
+            "session": identity,
+            "fresh": order.fresh,
+            "keys": "" if keys is None else str(keys.resolve()),
+        },
         roles.RECORDER: {
             "path": str(session.log),
-            "metadata": _metadata(order, session),
+            "metadata": _metadata(order, session, identity),
             "attachments": {order.cell_file.name: order.cell_file.text},
             "split": None if order.split is None else asdict(order.split),
             "snapshot": order.snapshot,
@@ -149,6 +180,7 @@ def assignments(order: Order, session: Session) -> Iterator[Assignment]:
             "mode": order.viewer,
             "path": str(session.log.with_suffix(".rrd")) if order.viewer == "save" else "",
         }
+    seal_key = new_key().hex()
     for role in crew:
         yield Assignment(
             role=role,
@@ -160,16 +192,18 @@ def assignments(order: Order, session: Session) -> Iterator[Assignment]:
             options=options.get(role, {}),
             host=point.host,
             keys="" if point.keys is None else str(point.keys.resolve()),
+            seal_key=seal_key if role in roles.HOLD_SEAL_KEY else "",
         )
 
 
-def _metadata(order: Order, session: Session) -> dict[str, dict[str, str]]:
+def _metadata(order: Order, session: Session, identity: str) -> dict[str, dict[str, str]]:
     cell = order.cell_file.cell
     versions = {package: version(package) for package in PACKAGES}
     versions |= registry.packages([(registry.DRIVERS, cell.robot), (registry.STRATEGIES, cell.strategy)])
     return {
         "palpate.session": {
             "session": session.name,
+            "evidence_session": identity,
             "cell": order.cell_file.name,
             "robot": cell.robot,
             "strategy": cell.strategy,

@@ -20,7 +20,7 @@ from runtime.log_decoding import Decoding, Recorded, decoding_of, unpublishable
 from runtime.log_part import UNKNOWN_PUBLISHER, LogPart, merged, type_of
 from runtime.log_split import later_parts, part_number, part_path
 from runtime.messages import typestore
-from runtime.topics import Topic, topics
+from runtime.topics import ANYBODY, Topic, topics
 
 MessageT = TypeVar("MessageT")
 
@@ -226,7 +226,7 @@ class LogFile(Closing):
         known = topics().get(name)
         if known is not None and type_name(known.type) == topic.type:
             return known
-        return LogTopicHandle(name, typestore().types[topic.type], "any", "as recorded", "a topic of a log")
+        return LogTopicHandle(name, typestore().types[topic.type], ANYBODY, "as recorded", "a topic of a log")
 
     def close(self) -> None:
         """Close the files. Idempotent."""

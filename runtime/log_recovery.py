@@ -22,7 +22,7 @@ from runtime.log_part import LogPart
 from runtime.log_split import CONTINUED, RESTATED, later_parts, part_number
 from runtime.log_writer import CHUNK_SIZE, LIBRARY, PROFILE, SUMMARY
 from runtime.messages import NANOSECONDS
-from runtime.topics import topics
+from runtime.topics import ANYBODY, topics
 
 Show = Callable[[int, int], None]  # bytes read so far, and in all
 _KEPT = ".unfinished"  # what the name of a file that was replaced ends with
@@ -116,7 +116,7 @@ class _Account:
         if not channel.schema_id:
             self.undefined[channel.metadata.get("type", "")] += 1
         known = topics().get(channel.topic)
-        if known is not None and known.publisher != "any":
+        if known is not None and known.publisher != ANYBODY:
             missing = message.sequence - self.last.get(channel.id, message.sequence - 1) - 1
             self.lost[channel.topic] += max(missing, 0)
         self.last[channel.id] = message.sequence

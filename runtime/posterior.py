@@ -155,8 +155,12 @@ class PosteriorDesk:
             kept.append(attempt)
 
     def hear_result(self, result: SearchResult) -> None:
-        """Keep a result until its attempts are here: arm and assembly are heard independently."""
-        self._results.append(result)
+        """Keep a result until its attempts are here: arm and assembly are heard independently.
+
+        One that is heard again changes nothing; its attempts would never come.
+        """
+        if result.search > self.stored and all(result.search != other.search for other in self._results):
+            self._results.append(result)
 
     def settle(self, now: int) -> Iterator[Settled]:
         """Store every search of which all is known; after each, what is believed at `now` [ns] about its hole."""

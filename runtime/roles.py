@@ -9,6 +9,7 @@ from typing import Any
 from runtime import registry
 from runtime.config import Cell, robot_of
 from runtime.errors import PluginError
+from runtime.meeting_point import LOOPBACK, MeetingPoint
 from runtime.plugin import Driver
 
 ARM = "arm"
@@ -20,6 +21,8 @@ ASSEMBLY = "assembly"
 RECORDER = "recorder"
 VIEWER = "viewer"
 LAUNCHER = "launcher"
+
+HOLD_SEAL_KEY = frozenset({INTERLOCK, ARM})  # who can seal a permit, and tell whether one is genuine
 
 # In this order they are asked to end: those that ask for work first, the recorder after everything it records.
 CLOSING_ORDER = (ASSEMBLY, STRATEGY, ARM, CURTAIN, INTERLOCK, POSTERIOR, VIEWER, RECORDER)
@@ -36,6 +39,14 @@ class Assignment:
     port: int
     domain: int
     options: dict[str, Any] = field(default_factory=dict)  # for recorder, viewer and posterior
+    host: str = LOOPBACK  # of the router
+    keys: str = ""  # folder of keys; empty: a cell without TLS
+    seal_key: str = field(default="", repr=False)  # hexadecimal, for interlock and arm: of the permits' seals
+
+    @property
+    def meeting_point(self) -> MeetingPoint:
+        """Where the plugin finds the others."""
+        return MeetingPoint(self.port, self.domain, (self.host,), Path(self.keys) if self.keys else None)
 
 
 def make(role: str, cell: Cell, where: str, options: dict[str, Any]) -> Driver:
@@ -59,11 +70,24 @@ def make(role: str, cell: Cell, where: str, options: dict[str, Any]) -> Driver:
     if role == POSTERIOR:
         from runtime.posterior import Posterior
 
-        return Posterior(path=Path(options["path"]), fresh=options["fresh"])
+        return Posterior(
+            path=Path(options["path"]),
+            session=options["session"],
+            fresh=options["fresh"],
+            keys=Path(options["keys"]) if options["keys"] else None,
+        )
     if role == RECORDER:
+        from runtime.log_split import Split
         from runtime.recorder import Recorder
 
-        return Recorder(path=Path(options["path"]), metadata=options["metadata"], attachments=options["attachments"])
+        split = options.get("split")
+        return Recorder(
+            path=Path(options["path"]),
+            metadata=options["metadata"],
+            attachments=options["attachments"],
+            split=None if split is None else Split(**split),
+            snapshot=options.get("snapshot"),
+        )
     if role == VIEWER:
         from runtime.viewer import Viewer
 

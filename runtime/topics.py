@@ -20,6 +20,8 @@ MessageT = TypeVar("MessageT")
 RequestT = TypeVar("RequestT")
 ReplyT = TypeVar("ReplyT")
 
+ANYBODY = "any"  # publisher of what more than one role says
+
 _topics: dict[str, Topic[Any]] = {}
 _services: dict[str, Service[Any, Any]] = {}
 
@@ -30,7 +32,7 @@ class Topic(Generic[MessageT]):
 
     name: str
     type: type[MessageT]
-    publisher: str  # role, or "any"
+    publisher: str  # role, or ANYBODY
     rate: str  # in session time
     meaning: str
     latched: bool = False  # a late subscriber gets the last message
@@ -81,9 +83,9 @@ ATTEMPT = Topic("/attempt", m.Attempt, "arm", "per attempt", "what the arm felt 
 TRUTH = Topic("/truth", m.Truth, "arm", "per search, simulation only", "where hole and pins really are", hidden=True)
 
 OSSD = Topic("/safety/ossd", m.Ossd, "light_curtain", "per clock", "the light curtain's two outputs")
-RESET = Topic("/safety/reset", m.Reset, "any", "per press", "the reset button")
+RESET = Topic("/safety/reset", m.Reset, ANYBODY, "per press", "the reset button")
 EMERGENCY_STOP = Topic(
-    "/safety/emergency_stop", m.EmergencyStop, "any", "on change", "an emergency stop device, pressed or released"
+    "/safety/emergency_stop", m.EmergencyStop, ANYBODY, "on change", "an emergency stop device, pressed or released"
 )
 MUTING = Topic("/safety/muting", m.Muting, "light_curtain", "on change", "the two muting sensors")
 PERMIT = Topic(
@@ -107,9 +109,9 @@ INTERVENTION = Topic(
 )
 ANSWER_GIVEN = Topic("/intervention/answered", m.AnswerGiven, "assembly", "per answer", "what a person told it to do")
 
-SESSION = Topic("/session/state", m.SessionState, "any", "on change", "phase of the session", latched=True)
-COUNTS = Topic("/session/counts", m.PublisherCounts, "any", "once, at close", "what each plugin has published")
-ROSOUT = Topic("/rosout", m.Log, "any", "on occasion", "log text of all plugins")
+SESSION = Topic("/session/state", m.SessionState, ANYBODY, "on change", "phase of the session", latched=True)
+COUNTS = Topic("/session/counts", m.PublisherCounts, ANYBODY, "once, at close", "what each plugin has published")
+ROSOUT = Topic("/rosout", m.Log, ANYBODY, "on occasion", "log text of all plugins")
 
 ASK_BELIEF = Service("/posterior/ask", m.BeliefRequest, m.Belief, "posterior", "what is known about a hole")
 ANSWER = Service(

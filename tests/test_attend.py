@@ -25,7 +25,7 @@ from runtime.intervention import AttendanceDesk, need_of
 from runtime.launcher import Order
 from runtime.log_file import open_log
 from runtime.messages import Choice, Ending, InterventionAnswer, Need
-from runtime.reexecution import reexecute
+from runtime.reexecution.reexecute import reexecute
 from runtime.zenoh_bus import ZenohBus
 
 NO_ERROR = {

@@ -127,9 +127,9 @@ EACH = 15_000  # messages
 
 def flood(port: int, go: Event) -> None:
     payload = encode(line("x" * 250))
-    with ZenohBus("talker", port) as bus:
+    with ZenohBus("arm", port) as bus:
         publishers = [bus.publisher(topic) for topic in FLOOD]
-        context = Context("talker", bus, log_samples.CELL, "s")
+        context = Context("arm", bus, log_samples.CELL, "s")
         context.ready()
         go.wait()
         for number in range(EACH):
@@ -152,7 +152,7 @@ def test_a_flood_waits_for_a_recorder_that_stands_still_and_nothing_is_lost(tmp_
         talker = FORK.Process(target=flood, args=(port, go))
         recorder.start()
         talker.start()
-        assert not router.wait_for({"recorder", "talker", "clerk"}, 60.0)
+        assert not router.wait_for({"recorder", "arm", "clerk"}, 60.0)
         go.set()
         while path.stat().st_size < 100_000:
             time.sleep(0.001)

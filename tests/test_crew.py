@@ -21,6 +21,7 @@ def last_words(code: str) -> str:
     [
         ("import sys; sys.exit('no connection')", "no connection"),
         ("import sys; sys.exit(3)", "ended with code 3"),
+        ("import os; os.kill(os.getpid(), 9)", "was killed by SIGKILL"),
         (
             "import faulthandler, os, sys; faulthandler.enable(); print('reconnecting', file=sys.stderr, flush=True)\n"
             "os.abort()",

@@ -171,8 +171,18 @@ def test_what_comes_twice_or_out_of_order_is_dropped() -> None:
     plugin.put(t.PERMIT, words[4], sequence=2)
     assert plugin.taken() == []
     assert plugin.admission.dropped == {t.PERMIT.name: 3}
-    plugin.put(t.PERMIT, words[0], publisher=bytes([1] * 16))  # another publisher has a count and a time of its own
-    assert plugin.taken() == [words[0]]
+
+
+def test_a_topic_of_one_role_has_one_publisher() -> None:
+    plugin = Plugin()
+    later = replace(PERMIT, header=m.header(6 * m.NANOSECONDS))
+    plugin.put(t.PERMIT, PERMIT)
+    plugin.put(t.PERMIT, later, publisher=bytes([1] * 16))
+    assert plugin.taken() == [PERMIT]
+    assert "second publisher" in plugin.said[0]
+    plugin.put(t.RESET, RESET)
+    plugin.put(t.RESET, RESET, publisher=bytes([1] * 16))  # there may be several buttons, each with a count of its own
+    assert plugin.taken() == [RESET, RESET]
 
 
 def test_a_stamp_far_ahead_does_not_carry_session_time_along() -> None:

@@ -24,12 +24,13 @@ from runtime import cli, registry
 from runtime import messages as m
 from runtime import topics as t
 from runtime.declaration import declared, definition, type_name
-from runtime.differences import differences
 from runtime.errors import LogError
 from runtime.log_decoding import decoding_of
 from runtime.log_file import open_log
 from runtime.messages import typestore
-from runtime.reexecution import DECISIONS, Verdict, reexecute
+from runtime.reexecution.differences import differences
+from runtime.reexecution.reexecute import reexecute
+from runtime.reexecution.verdict import DECISIONS, Verdict
 
 GOLDEN = Path(__file__).parent / "golden"
 
@@ -145,7 +146,7 @@ def test_another_processor_decides_the_same() -> None:
     program = (
         "import sys\n"
         "from runtime.log_file import open_log\n"
-        "from runtime.reexecution import reexecute\n"
+        "from runtime.reexecution.reexecute import reexecute\n"
         "for path in sys.argv[1:]:\n"
         "    with open_log(path) as log:\n"
         "        print(path, reexecute(log).first)\n"

@@ -29,7 +29,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from zenoh import ext
 
 from runtime.declaration import declared
-from runtime.messages import SafetyState, arm, safety, search, session
+from runtime.messages import SafetyState, arm, attendance, safety, search, session
 from runtime.rmw_zenoh import type_hash
 from runtime.ros_package import DEPENDENCIES, ENUMERATIONS, FOLDER, files
 
@@ -46,7 +46,7 @@ STANDARD = {
     "/rosout": "rcl_interfaces/msg/Log",
 }
 LATCHED = {"/tf_static", "/robot_description"}
-MODULES = (arm, safety, search, session)
+MODULES = (arm, attendance, safety, search, session)
 ROS = get_typestore(Stores.ROS2_JAZZY)
 
 

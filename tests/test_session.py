@@ -24,6 +24,8 @@ from runtime.messages import Attempt, ControlTrace, Ending, Outcome, SafetyState
 from runtime.zenoh_bus import ZenohBus
 
 PATIENCE = 60.0
+# What nobody says in a session in which no sensor, button, other cell or person is asked for
+ON_OCCASION = (topics.MUTING, topics.EMERGENCY_STOP, topics.MERGED, topics.INTERVENTION, topics.ANSWER_GIVEN)
 MS = 1_000_000
 
 
@@ -116,7 +118,7 @@ def test_a_session_is_run_recorded_and_remembered(palpate: Palpate) -> None:
         assert any(name.endswith(".urdf") for name in log.attachments)
         assert log.metadata["palpate.session"]["seed"] == "1"
         assert "mujoco" in log.metadata["palpate.versions"]
-        assert {topic.name for topic in log.topics} == set(topics.topics())
+        assert set(topics.topics()) - {topic.name for topic in log.topics} == {topic.name for topic in ON_OCCASION}
         first_goal = next(iter(log.read(topics.SEARCH_GOAL)))[1]
         assert (first_goal.seats, first_goal.prior.x, first_goal.prior.y) == ([], 0.0, 0.0)
         results = [result for _, result in log.read(topics.SEARCH_RESULT)]

@@ -29,7 +29,7 @@ from runtime.launcher import Order, launch
 from runtime.log_file import open_log
 from runtime.posterior_file import Access
 from runtime.posterior_store import PosteriorStore
-from runtime.reexecution import reexecute
+from runtime.reexecution.reexecute import reexecute
 from runtime.zenoh_exchange import client, router
 
 PATIENCE = 60.0  # [s]

@@ -539,6 +539,18 @@ def test_a_protective_stop_ends_what_moves_and_refuses_the_rest_until_it_is_rele
 # What only an arm on the network can meet
 
 
+def switch_input(box: ControlBox, number: int, on: bool) -> None:
+    box.wiring.set_input(number, on)
+
+
+@pytest.mark.parametrize("number", [0, 8, 17])
+def test_a_sensor_is_heard_where_it_is_wired(wired: WiredBench, number: int) -> None:
+    for on in (True, False):
+        wired.robot.look(switch_input, number, on)
+        wait(wired.arm, 0.1)
+        assert [other for other in range(18) if wired.arm.digital_input(other)] == [number] * on
+
+
 def test_without_a_permit_it_stands_on_its_path_and_goes_on_with_the_next(wired: WiredBench) -> None:
     arm, robot = wired.arm, wired.robot
     target = pose(0.30, -0.08, 0.12)

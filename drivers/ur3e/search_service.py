@@ -178,9 +178,11 @@ class SearchService(ABC):
             raise ArmError("the gripper closed on nothing at the feeder")
         self._telemetry.holding = goal.component
         hole = self._context.cell.board.hole(goal.hole)
+        tried = 0  # number of the candidate taken last: one that comes again is not tried again
         while (candidate := self._next(topics.CANDIDATE)) is not None:
-            if candidate.search != goal.search:
+            if candidate.search != goal.search or candidate.number <= tried:
                 continue
+            tried = candidate.number
             if candidate.exhausted:
                 self._put_away()
             elif not self._attempt(goal, hole, candidate):

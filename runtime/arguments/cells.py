@@ -10,6 +10,7 @@ examples:
   palpate launch capacitor --strategy spiral        another cell, another strategy
   palpate launch --boards 10 --fresh                forget what was learnt, then ten boards
   palpate launch my-cell.toml --rate 1.0 --rerun spawn   your own cell, in real time, watched live
+  palpate launch --attended                         ask a person what to do when a hole is not filled
   palpate launch --boards 500 --split 100MB         a log in several files
   palpate launch --boards 500 --snapshot 30         keep 30 s in memory, write them down when something fails
 
@@ -51,6 +52,11 @@ def add_launch(commands: Commands) -> None:
         "--logs", default="logs", metavar="DIR", help="where logs and the posterior store go (default: logs)"
     )
 
+    launch.add_argument(
+        "--attended",
+        action="store_true",
+        help="where a hole is not filled, say what is needed, and wait for an answer: here, or by `palpate attend`",
+    )
     recording = launch.add_mutually_exclusive_group()
     recording.add_argument(
         "--split",
@@ -69,6 +75,37 @@ def add_launch(commands: Commands) -> None:
         action="store_true",
         help="run all plugins as threads of this process, without Zenoh, where a debugger reaches them",
     )
+
+
+ATTEND = """\
+examples:
+  palpate attend                                    what does the cell need? on a terminal: answer it
+  palpate attend --wait                             wait until it needs something
+  palpate attend retry --note "board pushed home"   the same hole again, with a fresh part
+  palpate attend skip                               leave this hole, go on with the next
+  palpate attend abort                              end the job
+  palpate attend retry --cell my-cell.toml          a cell with security, or on another machine
+
+The cell must be attended: `palpate launch --attended`, or in its file [attendance] mode = "attended"."""
+
+
+def add_attend(commands: Commands) -> None:
+    """palpate attend."""
+    attend = add(
+        commands,
+        "attend",
+        "see what a running cell needs from a person, and answer it",
+        ATTEND,
+        "runtime.commands.attend:attend_command",
+    )
+    attend.add_argument(
+        "choice", nargs="?", metavar="ANSWER", help="retry, skip or abort; without: show what is needed"
+    )
+    attend.add_argument("--note", default="", metavar="TEXT", help="kept in the log with the answer")
+    attend.add_argument("--who", metavar="NAME", help="who answers (default: your user name)")
+    attend.add_argument("--number", type=int, metavar="N", help="answer request N only (default: the one that is open)")
+    attend.add_argument("--wait", action="store_true", help="wait until the cell needs something")
+    add_meeting_point(attend, "the cell")
 
 
 SNAPSHOT = """\
@@ -91,6 +128,34 @@ def add_snapshot(commands: Commands) -> None:
     )
     add_meeting_point(snapshot, "the cell")
     snapshot.add_argument("--reason", default="", metavar="TEXT", help="why; it is kept in the file")
+
+
+CURTAIN = """\
+examples:
+  palpate curtain break                             reach in: the arm of the cell on the default port stops
+  palpate curtain clear                             step back; the arm still waits for a reset
+  palpate curtain reset                             press the reset button: it goes on
+  palpate curtain state --port 7450                 only look
+
+It is the simulated curtain of `palpate launch`; run the cell with --rate 1.0 to see it stop when you say so."""
+
+
+def add_curtain(commands: Commands) -> None:
+    """palpate curtain."""
+    curtain = add(
+        commands,
+        "curtain",
+        "reach into the simulated light curtain of a running cell",
+        CURTAIN,
+        "runtime.commands.curtain:curtain_command",
+    )
+    curtain.add_argument(
+        "action",
+        choices=("break", "clear", "reset", "state"),
+        help="break: interrupt the light field until it is cleared; clear; reset: press and release the reset button; "
+        "state: only look",
+    )
+    add_meeting_point(curtain, "the cell")
 
 
 ROBOT = """\

@@ -58,7 +58,11 @@ examples:
   palpate bench robot --seconds 20                packages on time, round trips, late cycles
   palpate bench plan --strategy bayes,meta        milliseconds of thought before each candidate
   palpate bench bus --seconds 20                  round trips and floods beside raw Zenoh, pyzmq and ROS 2
-  palpate bench log --log logs/x.mcap             messages recorded per second, and how soon a log can be seen"""
+  palpate bench log --log logs/x.mcap             messages recorded per second, and how soon a log can be seen
+  palpate bench safety --trials 1000              milliseconds from a broken beam to the stop, and the safe distance
+  palpate bench faults                            strike a cell with every fault there is, and judge what became of it
+  palpate bench faults --only 'kill -9 *,NaN' --tries 5
+  palpate bench faults --list                     the faults, in words"""
 
 
 def add_bench(commands: Commands) -> None:
@@ -66,12 +70,15 @@ def add_bench(commands: Commands) -> None:
     bench = add(commands, "bench", "measure on this machine", BENCH, "runtime.commands.bench:bench_command")
     bench.add_argument(
         "what",
-        choices=("sim", "robot", "plan", "bus", "log"),
+        choices=("sim", "robot", "plan", "bus", "log", "safety", "faults"),
         help="sim: real-time factors of physics, controller and whole cell; "
         "robot: how punctual the simulated controller is for two clients on the network; "
         "plan: how long strategies think before each candidate; "
         "bus: round trips and floods, beside raw Zenoh and what else is installed; "
-        "log: messages recorded per second, beside other writers",
+        "log: messages recorded per second, beside other writers; "
+        "safety: how soon the arm stops when the light curtain is interrupted, thousands of times; "
+        "faults: what becomes of a cell whose processes are killed, stopped and slowed, and of others' messages; "
+        "exit code 1 if it broke a promise",
     )
     bench.add_argument(
         "--seconds",
@@ -91,5 +98,31 @@ def add_bench(commands: Commands) -> None:
     bench.add_argument("--cell", default="igbt", metavar="CELL", help="a cell file or a shipped name (default: igbt)")
     bench.add_argument("--strategy", metavar="NAME", help="instead of the cell's own; plan: one or more, with commas")
     bench.add_argument("--seed", type=int, metavar="S", help="instead of the cell's own")
-    bench.add_argument("--port", type=int, metavar="PORT", help="of the Zenoh router (sim: 7447, bus: a free one)")
+    bench.add_argument("--port", type=int, metavar="PORT", help="of the Zenoh router (sim: 7447, else a free one)")
+    bench.add_argument(
+        "--trials",
+        type=int,
+        metavar="N",
+        help="safety: how many beams to break (default: 10000; 250 at rate 1.0); with both rates a fortieth of it more "
+        "at 1.0. 1000 take about a minute at full speed, and 20 at rate 1.0",
+    )
+    bench.add_argument(
+        "--rate",
+        choices=("1.0", "max", "both"),
+        default="both",
+        help="safety: at real time, as fast as the machine allows, or both (default)",
+    )
+    bench.add_argument(
+        "--response", type=float, default=15.0, metavar="MS", help="safety: of the light curtain itself (default: 15)"
+    )
+    bench.add_argument(
+        "--resolution", type=float, default=14.0, metavar="MM", help="safety: of the light curtain (default: 14)"
+    )
+    bench.add_argument(
+        "--tries", type=int, default=1, metavar="N", help="faults: with each fault, at other moments (default: 1)"
+    )
+    bench.add_argument(
+        "--only", metavar="A,B,...", help="faults: those whose names contain one of these, or match it with wildcards"
+    )
+    bench.add_argument("--list", action="store_true", help="faults: only tell what there is")
     bench.add_argument("--json", metavar="FILE", help="write the figures there as name: number")

@@ -8,7 +8,7 @@ import numpy as np
 
 from runtime.bus import encode
 from runtime.messages import Header, JointState, Time
-from runtime.topics import Topic
+from runtime.topics import ANYBODY, Topic
 
 JOINTS = ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")
 NUMBERS = 1_000_000_000  # messages that can be told apart, since their number travels as nanoseconds
@@ -25,7 +25,7 @@ class MeasuredTopic(Topic[JointState]):
 
 def topic(name: str) -> MeasuredTopic:
     """A topic of joint states."""
-    return MeasuredTopic(name, JointState, "any", "as measured", "a topic of a measurement")
+    return MeasuredTopic(name, JointState, ANYBODY, "as measured", "a topic of a measurement")
 
 
 PING = topic("/bench/ping")

@@ -21,14 +21,26 @@ from runtime.plugin import BareRun, Punctuality
 def bench_command(arguments: argparse.Namespace) -> int:
     """Measure, print a table, write the figures where asked."""
     from runtime.commands.bench_bus import bench_bus, bench_log
+    from runtime.commands.bench_faults import bench_faults, check_passed
+    from runtime.commands.bench_safety import bench_safety
 
-    benches = {"sim": bench_sim, "robot": bench_robot, "plan": bench_plan, "bus": bench_bus, "log": bench_log}
+    benches = {
+        "sim": bench_sim,
+        "robot": bench_robot,
+        "plan": bench_plan,
+        "bus": bench_bus,
+        "log": bench_log,
+        "safety": bench_safety,
+        "faults": bench_faults,
+    }
     figures = benches[arguments.what](arguments)
     if arguments.json:
         try:
             Path(arguments.json).write_text(json.dumps(figures, indent=2) + "\n", encoding="utf-8")
         except OSError as error:
             raise InputError(f"figures cannot be written to {arguments.json}: {error.strerror}") from None
+    if arguments.what == "faults":
+        check_passed(figures)
     return 0
 
 

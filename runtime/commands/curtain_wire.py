@@ -10,6 +10,7 @@ import threading
 from collections.abc import Callable
 
 from runtime.access import GUEST
+from runtime.admission import Admission
 from runtime.bus import Envelope
 from runtime.clock import Stopwatch
 from runtime.errors import BusError, InputError
@@ -41,6 +42,8 @@ class CurtainWire:
         while not self._stop.wait(_RETRY):
             try:
                 with ZenohBus(GUEST, self._point, patience=1.0) as bus:
+                    admission = Admission(_unheard)
+                    bus.inbox.admit_by(admission, admission.refuse)
                     bus.subscribe(OSSD)
                     self._listen(bus)
             except (BusError, InputError):  # keys may come as the cell does
@@ -70,3 +73,7 @@ class CurtainWire:
 def _is_off(on: bool, off_time: int) -> bool:
     """Whether an output is off and not just in a test pulse [ns], which a safeguard input passes over."""
     return not on and not 0 < off_time <= Times.filter_time
+
+
+def _unheard(_text: str) -> None:
+    """Nobody reads what this wire has to say."""

@@ -7,8 +7,8 @@ import math
 
 from rich.console import Console
 
-from runtime.clock import MAX_RATE
 from runtime.access import OPERATOR
+from runtime.clock import MAX_RATE
 from runtime.config import meeting_point
 from runtime.errors import BusError, InputError
 from runtime.messages import PlayerState

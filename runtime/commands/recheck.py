@@ -8,10 +8,11 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from runtime.differences import FieldDifference
 from runtime.log_file import open_log
 from runtime.messages import NANOSECONDS
-from runtime.reexecution import Difference, Verdict, reexecute
+from runtime.reexecution.differences import FieldDifference
+from runtime.reexecution.reexecute import reexecute
+from runtime.reexecution.verdict import Difference, Verdict
 
 _SHOWN = 24  # fields of the first difference
 

@@ -10,7 +10,7 @@ import subprocess
 import sys
 import threading
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from queue import Empty, SimpleQueue
 from typing import Any
@@ -26,6 +26,7 @@ from runtime.commands.launch import viewer_mode
 from runtime.config import CellFile, redacted
 from runtime.crew import Crew
 from runtime.errors import InputError, SessionError
+from runtime.meeting_point import MeetingPoint
 from runtime.roles import Assignment
 from runtime.zenoh_bus import ZenohRouter
 
@@ -102,7 +103,7 @@ def robot_command(arguments: argparse.Namespace) -> int:
         }
         controller = stack.enter_context(_started(module, order))
         if arguments.curtain is not None:
-            wire = CurtainWire(arguments.curtain, cell_file.cell.bus.domain, controller.tell)
+            wire = CurtainWire(replace(cell_file.meeting_point, port=arguments.curtain), controller.tell)
             stack.callback(wire.close)
         _follow(controller, arguments, console)
     return 0
@@ -126,7 +127,7 @@ def _watch(stack: contextlib.ExitStack, cell_file: CellFile, mode: str, argument
     """Start a router and a viewer on it; tells the router's port."""
     bus = cell_file.cell.bus
     port: int = arguments.port
-    router = stack.enter_context(ZenohRouter(port, bus.domain))
+    router = stack.enter_context(ZenohRouter(MeetingPoint(port, bus.domain)))
     crew = stack.enter_context(Crew())
     path = "robot.rrd" if mode == "save" else ""
     document = redacted(cell_file.document, roles.VIEWER)

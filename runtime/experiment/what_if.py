@@ -27,7 +27,7 @@ from runtime.log_file import LogFile
 from runtime.messages import Attempt, Candidate, Ending, Outcome, SearchGoal, slid_in
 from runtime.plain_job import PlainJob
 from runtime.plugin import Strategy
-from runtime.recorded_session import recorded_session
+from runtime.reexecution.session import recorded_session
 from runtime.registry import strategy
 from runtime.world import Gap
 
