@@ -28,10 +28,10 @@ from runtime.cell import HOLE_RADIUS_LIMIT, WIDEST_HOLE, Attendance, Board, Name
 from runtime.clock import parse_rate
 from runtime.component import COMPONENTS, clearance_of_pins
 from runtime.errors import CellError, InputError, alternatives
-from runtime.meeting_point import DEFAULT_PORT, LOOPBACK, MeetingPoint
+from runtime.network.meeting_point import DEFAULT_PORT, LOOPBACK, MeetingPoint
+from runtime.network.sharing_point import check_endpoint, is_loopback
 from runtime.plugin import Driver, Strategy
 from runtime.settings import read
-from runtime.sharing_point import check_endpoint, is_loopback
 
 DEFAULT_CELL = "igbt"
 Host = Annotated[str, Field(pattern=r"^[A-Za-z0-9:][A-Za-z0-9.:-]*$")]

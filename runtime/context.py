@@ -7,12 +7,12 @@ import threading
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 
-from runtime.access import RECORDER
-from runtime.admission import Admission
 from runtime.bus import Bus, Envelope, Publisher, Request
 from runtime.clock import SessionClock
 from runtime.config import Cell
 from runtime.messages import Log, PublisherCounts, header, stamp_of
+from runtime.network.access import RECORDER
+from runtime.network.admission import Admission
 from runtime.topics import COUNTS, PERMIT, ROSOUT
 
 _JUDGED = {"arm": frozenset({PERMIT.name})}  # a permit that is not believed may stop the arm all the same

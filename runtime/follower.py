@@ -7,7 +7,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from runtime.admission import Admission
 from runtime.bus import Bus, Envelope
 from runtime.clock import Stopwatch
 from runtime.errors import BusError, SessionError
@@ -29,6 +28,7 @@ from runtime.messages import (
     header,
     stamp_of,
 )
+from runtime.network.admission import Admission
 from runtime.roles import LAUNCHER
 from runtime.topics import (
     ANSWER,

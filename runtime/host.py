@@ -34,7 +34,7 @@ def main() -> int:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the launcher, which ends its plugins in order
     assignment = Assignment(**json.loads(sys.stdin.readline()))
     try:
-        from runtime.zenoh_bus import ZenohBus
+        from runtime.network.zenoh_bus import ZenohBus
 
         with ZenohBus(assignment.role, assignment.meeting_point) as bus:
             cell = cell_of(assignment.document, assignment.where)

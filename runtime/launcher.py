@@ -21,10 +21,10 @@ from runtime.config import CellFile, redacted, robot_of, scope_of
 from runtime.crew import Crew
 from runtime.errors import InputError, SessionError
 from runtime.follower import FailedSessionError, Follower, Progress, Session
-from runtime.log_split import Split
-from runtime.permit_seal import new_key
+from runtime.log.split import Split
+from runtime.network.zenoh_bus import ZenohBus, ZenohRouter
 from runtime.roles import Assignment
-from runtime.zenoh_bus import ZenohBus, ZenohRouter
+from runtime.safety.permit_seal import new_key
 
 GRACE = 2.0  # [s] for a plugin that has left the bus to end, and to say why
 PACKAGES = ("palpate", "eclipse-zenoh", "mcap", "mujoco", "numpy", "pin", "rerun-sdk", "rosbags", "scipy")
@@ -122,7 +122,7 @@ def check_order(order: Order) -> None:
             f"to begin anew alone, or let all forget with 'palpate posterior forget {cell.board.type}'"
         )
     if cell_file.sharing_keys is not None and any(endpoint.startswith("tls/") for endpoint in shared):
-        from runtime.keys import credentials
+        from runtime.network.keys import credentials
 
         credentials(cell_file.sharing_keys, roles.POSTERIOR)
 

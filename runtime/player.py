@@ -10,10 +10,10 @@ from functools import cached_property
 from runtime.bus import Bus, Envelope, Publisher, Request
 from runtime.clock import Metronome, Pacer, Stopwatch
 from runtime.errors import BusError, InputError
-from runtime.log_file import LogFile
+from runtime.log.file import LogFile
 from runtime.messages import Clock, PlayerState, stamp_of
-from runtime.playback import Playback
-from runtime.playlist import Playlist
+from runtime.playback.playlist import Playlist
+from runtime.playback.state import Playback
 from runtime.topics import CLOCK, PLAYER_CONTROL
 
 _LOOK = 0.02  # [s] between looks for listeners

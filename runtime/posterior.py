@@ -17,10 +17,10 @@ from runtime.belief import belief_about
 from runtime.bus import Publisher, Request
 from runtime.config import Cell
 from runtime.context import Context
-from runtime.evidence_exchange import EvidenceExchange
-from runtime.known_evidence import KnownEvidence
+from runtime.evidence.exchange import EvidenceExchange
+from runtime.evidence.known import KnownEvidence
+from runtime.evidence.store import PosteriorStore
 from runtime.messages import Attempt, Belief, BeliefRequest, Merged, Miss, SearchResult, Seat, header
-from runtime.posterior_store import PosteriorStore
 from runtime.topics import ASK_BELIEF, ATTEMPT, BELIEF, MERGED, SEARCH_RESULT
 
 
@@ -57,7 +57,7 @@ class Posterior:
         endpoints = cell.posterior.shared_through
         if not endpoints:
             return None
-        from runtime import zenoh_exchange
+        from runtime.network import zenoh_exchange
 
         join = zenoh_exchange.client(endpoints, self.keys)
         return EvidenceExchange(store, self.session, join, ", ".join(endpoints))

@@ -9,18 +9,18 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from runtime.access import RECORDER
 from runtime.bus import Envelope, Request
 from runtime.clock import Stopwatch
 from runtime.context import Context
 from runtime.errors import BusError, SessionError
-from runtime.failure import failure_in
-from runtime.ledger import Ledger
-from runtime.log_split import Split
-from runtime.log_writer import definition_of
+from runtime.log.failure import failure_in
+from runtime.log.ledger import Ledger
+from runtime.log.recording import FileRecording, Opening, Recording
+from runtime.log.snapshot_ring import RingRecording
+from runtime.log.split import Split
+from runtime.log.writer import definition_of
 from runtime.messages import Phase, SnapshotReply
-from runtime.recording import FileRecording, Opening, Recording
-from runtime.snapshot_ring import RingRecording
+from runtime.network.access import RECORDER
 from runtime.topics import COUNTS, ROBOT_DESCRIPTION, SESSION, SNAPSHOT
 from runtime.validity import fault
 
@@ -38,7 +38,7 @@ class Recorder:
     """Writes every message of the session to MCAP files.
 
     With `snapshot` the last so many seconds of session time stay in memory, and are written down when somebody asks
-    (the service SNAPSHOT) or something fails (`runtime.failure`, or a launcher that vanished without a word).
+    (the service SNAPSHOT) or something fails (`runtime.log.failure`, or a launcher that vanished without a word).
     """
 
     path: Path

@@ -9,7 +9,7 @@ from typing import Any
 from runtime import registry
 from runtime.config import Cell, robot_of
 from runtime.errors import PluginError
-from runtime.meeting_point import LOOPBACK, MeetingPoint
+from runtime.network.meeting_point import LOOPBACK, MeetingPoint
 from runtime.plugin import Driver
 
 ARM = "arm"
@@ -56,7 +56,7 @@ def make(role: str, cell: Cell, where: str, options: dict[str, Any]) -> Driver:
     if role == CURTAIN:
         return registry.driver(CURTAIN, cell.drivers.get(CURTAIN, {}), where)
     if role == INTERLOCK:
-        from runtime.interlock_plugin import InterlockPlugin
+        from runtime.safety.plugin import InterlockPlugin
 
         return InterlockPlugin()
     if role == STRATEGY:
@@ -77,7 +77,7 @@ def make(role: str, cell: Cell, where: str, options: dict[str, Any]) -> Driver:
             keys=Path(options["keys"]) if options["keys"] else None,
         )
     if role == RECORDER:
-        from runtime.log_split import Split
+        from runtime.log.split import Split
         from runtime.recorder import Recorder
 
         split = options.get("split")

@@ -11,7 +11,7 @@
     InterventionAnswer    a name of sane length
     PublisherCounts       counts that a session can reach
 
-What arrives out of order is no matter of one message: see `runtime.admission`.
+What arrives out of order is no matter of one message: see `runtime.network.admission`.
 """
 
 from __future__ import annotations

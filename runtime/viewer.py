@@ -16,10 +16,10 @@ from runtime.bus import Envelope
 from runtime.clock import pause
 from runtime.context import Context
 from runtime.errors import InputError
-from runtime.view_target import FLUSH_TIMEOUT, Mode, has_display, target
+from runtime.view.target import FLUSH_TIMEOUT, Mode, has_display, target
 
 if TYPE_CHECKING:
-    from runtime.view_scene import Scene
+    from runtime.view.scene import Scene
 
 APPLICATION = "palpate"
 REFRESH = 0.1  # [s] of machine time between two updates
@@ -44,7 +44,7 @@ class Viewer:
         _stand_back()
         import rerun as rr
 
-        from runtime.view_blueprint import empty_scene
+        from runtime.view.blueprint import empty_scene
 
         recording = rr.RecordingStream(APPLICATION, recording_id=context.session)
         with target(recording, self.mode, Path(self.path) if self.path else None, keep=True) as shown:

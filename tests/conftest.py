@@ -12,8 +12,8 @@ from hypothesis import settings
 from runtime.bus import Bus, Request
 from runtime.local_bus import LocalBus, LocalExchange
 from runtime.messages import BeliefRequest
+from runtime.network.zenoh_bus import ZenohBus, ZenohRouter
 from runtime.topics import Service
-from runtime.zenoh_bus import ZenohBus, ZenohRouter
 
 settings.register_profile("untimed", deadline=None)  # how long an example takes tells of the machine
 settings.load_profile("untimed")

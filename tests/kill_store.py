@@ -23,9 +23,9 @@ from pathlib import Path
 
 from search_samples import REAL, found, tries
 
-from runtime.evidence import Evidence
+from runtime.evidence.evidence import Evidence
+from runtime.evidence.store import PosteriorStore
 from runtime.messages import Outcome, Waypoint
-from runtime.posterior_store import PosteriorStore
 
 ACKNOWLEDGEMENT = struct.Struct("<I")
 SPIN = 200_000  # turns of an empty loop, some milliseconds: longer than a commit takes

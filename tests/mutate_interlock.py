@@ -3,8 +3,8 @@
     pip install mutmut && python tests/mutate_interlock.py           # five minutes on two cores
     python tests/mutate_interlock.py '*Channel*'                     # only mutants whose name matches
 
-Changes `runtime/interlock.py` and `runtime/muting.py` in a copy, one spot at a time, and runs `tests/test_interlock.py`
-against each. Prints what survives; `tests/interlock_mutants.md` explains why that is no hole. mutmut leaves properties
+Changes `runtime/safety/interlock.py` and `runtime/safety/muting.py` in a copy, one spot at a time, and runs
+`tests/test_interlock.py` against each. Prints what survives; `tests/interlock_mutants.md` explains why that is no hole. mutmut leaves properties
 alone, so the copy has them as methods behind properties.
 """
 
@@ -21,7 +21,7 @@ from pathlib import Path
 from rich.console import Console
 
 ROOT = Path(__file__).parent.parent
-MUTATED = ("runtime/interlock.py", "runtime/muting.py")
+MUTATED = ("runtime/safety/interlock.py", "runtime/safety/muting.py")
 NEEDED = ("runtime/__init__.py", "runtime/declaration.py", "runtime/messages")
 TEST = "tests/test_interlock.py"
 CONFIG = f"""[mutmut]

@@ -15,9 +15,9 @@ from pathlib import Path
 
 from search_samples import REAL, found, tries
 
-from runtime.evidence_exchange import EvidenceExchange, Join, Peers
-from runtime.posterior_store import PosteriorStore
-from runtime.zenoh_exchange import client
+from runtime.evidence.exchange import EvidenceExchange, Join, Peers
+from runtime.evidence.store import PosteriorStore
+from runtime.network.zenoh_exchange import client
 
 BOARD_TYPES = ("driver", "psu")
 

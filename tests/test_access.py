@@ -20,17 +20,14 @@ import zenoh
 from cells import Palpate, cell_text, write_cell
 from conftest import unused_port
 
-from runtime import config, rmw_zenoh
+from runtime import config
 from runtime import topics as t
-from runtime.access import CLIENTS, GUEST, ROLES, may_publish
 from runtime.bus import Envelope, encode
 from runtime.cli import main
 from runtime.errors import BusError, CellError, InputError
 from runtime.in_process import run_in_process
-from runtime.keys import credentials, make_keys
 from runtime.launcher import Order
-from runtime.log_file import open_log
-from runtime.meeting_point import MeetingPoint
+from runtime.log.file import open_log
 from runtime.messages import (
     ArmStatus,
     Permit,
@@ -42,7 +39,11 @@ from runtime.messages import (
     header,
     stamp_of,
 )
-from runtime.zenoh_bus import ZenohBus, ZenohRouter
+from runtime.network import rmw_zenoh
+from runtime.network.access import CLIENTS, GUEST, ROLES, may_publish
+from runtime.network.keys import credentials, make_keys
+from runtime.network.meeting_point import MeetingPoint
+from runtime.network.zenoh_bus import ZenohBus, ZenohRouter
 
 PATIENCE = 20.0
 STATUS = ArmStatus(header(0), 7, 1, 1.0, "home", "")

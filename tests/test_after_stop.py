@@ -21,7 +21,7 @@ from runtime.cell import Board, Hole, Tolerances
 from runtime.component import component
 from runtime.in_process import run_in_process
 from runtime.launcher import Order
-from runtime.log_file import open_log
+from runtime.log.file import open_log
 from runtime.messages import Outcome
 
 MM = 1e-3

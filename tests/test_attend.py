@@ -23,10 +23,10 @@ from runtime.follower import Progress, Session
 from runtime.in_process import run_in_process
 from runtime.intervention import AttendanceDesk, need_of
 from runtime.launcher import Order
-from runtime.log_file import open_log
+from runtime.log.file import open_log
 from runtime.messages import Choice, Ending, InterventionAnswer, Need
+from runtime.network.zenoh_bus import ZenohBus
 from runtime.reexecution.reexecute import reexecute
-from runtime.zenoh_bus import ZenohBus
 
 NO_ERROR = {
     name: '"0 mm"' if "rotation" not in name else '"0 mrad"'

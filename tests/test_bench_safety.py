@@ -24,11 +24,11 @@ from runtime.cell import CurtainFault, Interruption, Safety
 from runtime.cli import main
 from runtime.clock import Stopwatch
 from runtime.errors import BusError, InputError
-from runtime.interlock_plugin import InterlockDesk
-from runtime.log_file import open_log
+from runtime.log.file import open_log
 from runtime.messages import ArmStatus, CurtainCommand, Permit, Reset, SafetyState, header
+from runtime.network.zenoh_bus import ZenohBus
+from runtime.safety.plugin import InterlockDesk
 from runtime.topics import ARM_STATUS, LIGHT_FIELD, PERMIT
-from runtime.zenoh_bus import ZenohBus
 
 MS = 1_000_000
 S = 1000 * MS

@@ -25,8 +25,8 @@ from runtime.messages import (
     header,
     stamp_of,
 )
+from runtime.network.zenoh_bus import ZenohBus, ZenohRouter
 from runtime.topics import ARM_STATUS, ASK_BELIEF, CANDIDATE, OSSD, RESET, ROSOUT, TRUTH
-from runtime.zenoh_bus import ZenohBus, ZenohRouter
 
 PATIENCE = 20.0
 
@@ -185,9 +185,9 @@ def test_only_three_files_import_zenoh_and_what_measures_it() -> None:
     ]
     assert sorted(importing) == [
         "runtime/benchmark/raw_zenoh.py",
-        "runtime/zenoh_bus.py",
-        "runtime/zenoh_exchange.py",
-        "runtime/zenoh_session.py",
+        "runtime/network/zenoh_bus.py",
+        "runtime/network/zenoh_exchange.py",
+        "runtime/network/zenoh_session.py",
     ]
 
 

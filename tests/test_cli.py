@@ -17,7 +17,7 @@ from runtime.commands.launch import summarise
 from runtime.config import load
 from runtime.errors import SessionError
 from runtime.follower import Session
-from runtime.log_writer import SUMMARY, LogWriter
+from runtime.log.writer import SUMMARY, LogWriter
 
 HEAVY = [
     "joblib",

@@ -30,12 +30,12 @@ from runtime.clock import Stopwatch
 from runtime.context import Context
 from runtime.errors import InputError, LogError, SessionError
 from runtime.local_bus import LocalBus, LocalExchange
-from runtime.log_file import open_log
-from runtime.log_recovery import recover
-from runtime.log_split import Split
-from runtime.log_writer import SUMMARY, LogWriter
+from runtime.log.file import open_log
+from runtime.log.recovery import recover
+from runtime.log.split import Split
+from runtime.log.writer import SUMMARY, LogWriter
+from runtime.network.zenoh_bus import ZenohBus, ZenohRouter
 from runtime.recorder import Recorder
-from runtime.zenoh_bus import ZenohBus, ZenohRouter
 
 PACE = 0.002  # [s] between messages, at least
 PROMISE = 0.2  # [s] of machine time that a kill may cost

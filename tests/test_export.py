@@ -14,8 +14,8 @@ from pyarrow import parquet
 
 from runtime import messages as m
 from runtime import topics as t
-from runtime.log_file import open_log
-from runtime.log_writer import LogWriter
+from runtime.log.file import open_log
+from runtime.log.writer import LogWriter
 
 
 @pytest.fixture

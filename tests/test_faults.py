@@ -16,7 +16,7 @@ from runtime.benchmark.promises import STOP_LIMIT, stops_of
 from runtime.benchmark.small_cell import small, toml
 from runtime.cli import main
 from runtime.messages import ControlTrace, Permit, SafetyState, header, stamp_of
-from runtime.zenoh_bus import ZenohBus, ZenohRouter
+from runtime.network.zenoh_bus import ZenohBus, ZenohRouter
 
 MS = 1_000_000
 CYCLE = 2 * MS

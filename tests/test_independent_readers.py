@@ -20,7 +20,7 @@ from rosbags.highlevel import AnyReader
 from runtime import config
 from runtime.in_process import run_in_process
 from runtime.launcher import Order
-from runtime.log_file import open_log
+from runtime.log.file import open_log
 from runtime.topics import topics
 
 

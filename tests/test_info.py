@@ -19,10 +19,10 @@ from mcap.writer import IndexType, Writer
 from runtime import messages as m
 from runtime.bus import Envelope, encode
 from runtime.declaration import type_name
-from runtime.log_file import open_log
-from runtime.log_info import info_of
-from runtime.log_sizes import payload_bytes
-from runtime.log_writer import LogWriter
+from runtime.log.file import open_log
+from runtime.log.info import info_of
+from runtime.log.sizes import payload_bytes
+from runtime.log.writer import LogWriter
 from runtime.registry import DRIVERS, STRATEGIES
 
 SESSION = {

@@ -11,9 +11,9 @@ from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
 
-from runtime import interlock as machine
-from runtime.interlock import Channel, Fault, Interlock, Reading, Times
 from runtime.messages import SafetyState
+from runtime.safety import interlock as machine
+from runtime.safety.interlock import Channel, Fault, Interlock, Reading, Times
 
 MS = 1_000_000
 S = 1000 * MS

@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 from drivers.light_curtain.output import PULSE_PERIOD, PULSE_WIDTH
 from drivers.light_curtain.script import script_of
 from runtime.cell import CurtainFault, EmergencyStopPress, Interruption, MutingPass, ResetPress, Safety
-from runtime.interlock_plugin import InterlockDesk
 from runtime.messages import (
     EmergencyStop,
     Muting,
@@ -24,6 +23,7 @@ from runtime.messages import (
     nanoseconds_of,
     stamp_of,
 )
+from runtime.safety.plugin import InterlockDesk
 
 MS = 1_000_000
 S = 1000 * MS
@@ -33,7 +33,7 @@ TICK = 80 * MS
 
 @dataclass
 class Lockstep:
-    """A simulation in lockstep with curtain and interlock, as `runtime.permit_gate` keeps it, without arm or bus."""
+    """A simulation in lockstep with curtain and interlock, as `permit_gate` keeps it, without arm or bus."""
 
     safety: Safety
     tick: int = TICK

@@ -18,18 +18,19 @@ from cells import Palpate, cell_text, write_cell
 from hypothesis import given
 from hypothesis import strategies as st
 
-from runtime import config, rmw_zenoh
+from runtime import config
 from runtime import messages as m
 from runtime import topics as t
-from runtime.access import service_key
-from runtime.admission import Admission
 from runtime.bus import Envelope, Inbox, Request, decode, encode
 from runtime.clock import SessionClock
 from runtime.errors import BusError
 from runtime.in_process import run_in_process
 from runtime.launcher import Order
-from runtime.log_file import open_log
-from runtime.meeting_point import LOOPBACK
+from runtime.log.file import open_log
+from runtime.network import rmw_zenoh
+from runtime.network.access import service_key
+from runtime.network.admission import Admission
+from runtime.network.meeting_point import LOOPBACK
 from runtime.validity import OFFSET, fault
 
 MAD = st.one_of(

@@ -13,11 +13,12 @@ from hypothesis import strategies as st
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.stores import ros2_jazzy
 
-from runtime import messages, rmw_zenoh
+from runtime import messages
 from runtime.bus import decode, encode
 from runtime.declaration import Ros, declared, definition, type_name
 from runtime.errors import BusError
 from runtime.messages import nanoseconds_of, stamp_of
+from runtime.network import rmw_zenoh
 from runtime.quantity import UNITS, parse
 from runtime.topics import Topic, topics
 

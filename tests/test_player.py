@@ -33,13 +33,13 @@ from runtime.cli import main
 from runtime.clock import Stopwatch
 from runtime.errors import BusError, InputError
 from runtime.local_bus import LocalBus, LocalExchange
-from runtime.log_file import LogFile, open_log
-from runtime.log_writer import LogWriter
-from runtime.playback import ACTIONS, Playback, command
+from runtime.log.file import LogFile, open_log
+from runtime.log.writer import LogWriter
+from runtime.network.zenoh_bus import ZenohBus, ZenohRouter
+from runtime.playback.keys import KeyReader, command_of
+from runtime.playback.playlist import Selection, parse_remap, playlist
+from runtime.playback.state import ACTIONS, Playback, command
 from runtime.player import Manner, Player, PlaySummary
-from runtime.player_keys import KeyReader, command_of
-from runtime.playlist import Selection, parse_remap, playlist
-from runtime.zenoh_bus import ZenohBus, ZenohRouter
 
 PATIENCE = 30.0
 FAST = Manner(rate=None)

@@ -16,8 +16,8 @@ from search_samples import REAL, found, tries
 
 from runtime.belief import belief_about
 from runtime.cli import main
+from runtime.evidence.store import PosteriorStore
 from runtime.messages import Ending
-from runtime.posterior_store import PosteriorStore
 
 STORE = Path("logs/posterior.sqlite3")
 

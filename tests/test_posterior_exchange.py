@@ -13,11 +13,11 @@ from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, ru
 from search_samples import REAL, found, tries
 
 from runtime.errors import InputError
-from runtime.evidence import LATEST, Evidence, Tried, evidence_from, text_of
-from runtime.evidence_digest import Digest, Run, digest_from
-from runtime.evidence_text import as_json, as_lines, read_text
+from runtime.evidence.digest import Digest, Run, digest_from
+from runtime.evidence.evidence import LATEST, Evidence, Tried, evidence_from, text_of
+from runtime.evidence.store import PosteriorStore
+from runtime.evidence.text import as_json, as_lines, read_text
 from runtime.messages import Ending, Outcome
-from runtime.posterior_store import PosteriorStore
 
 NAMES = st.text(st.characters(exclude_categories=("Cs",)), min_size=1, max_size=8)
 LENGTHS = st.floats(allow_nan=False, allow_infinity=False)

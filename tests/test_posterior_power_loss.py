@@ -19,8 +19,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from search_samples import REAL, found, tries
 
-from runtime.evidence import Evidence
-from runtime.posterior_store import PosteriorStore
+from runtime.evidence.evidence import Evidence
+from runtime.evidence.store import PosteriorStore
 
 SECTOR = 512  # bytes that a disk writes as one
 SEARCHES = 24

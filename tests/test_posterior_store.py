@@ -18,10 +18,10 @@ import pytest
 from search_samples import REAL, found, tries
 
 from runtime.errors import InputError, PalpateError, SessionError
-from runtime.evidence import Tried
+from runtime.evidence.evidence import Tried
+from runtime.evidence.file import SCHEMA_VERSION, Access
+from runtime.evidence.store import PosteriorStore
 from runtime.messages import Ending, Miss, Outcome, Waypoint
-from runtime.posterior_file import SCHEMA_VERSION, Access
-from runtime.posterior_store import PosteriorStore
 
 ROOT = Path(__file__).parent.parent
 

@@ -26,10 +26,10 @@ from runtime.bus import Envelope, encode
 from runtime.context import Context
 from runtime.errors import LogError, SessionError
 from runtime.local_bus import LocalExchange
-from runtime.log_file import open_log
-from runtime.log_writer import SUMMARY, LogWriter
+from runtime.log.file import open_log
+from runtime.log.writer import SUMMARY, LogWriter
+from runtime.network.zenoh_bus import ZenohBus, ZenohRouter
 from runtime.recorder import Recorder
-from runtime.zenoh_bus import ZenohBus, ZenohRouter
 
 ROSOUT = "rcl_interfaces/msg/Log"
 

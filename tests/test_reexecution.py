@@ -25,8 +25,8 @@ from runtime import messages as m
 from runtime import topics as t
 from runtime.declaration import declared, definition, type_name
 from runtime.errors import LogError
-from runtime.log_decoding import decoding_of
-from runtime.log_file import open_log
+from runtime.log.decoding import decoding_of
+from runtime.log.file import open_log
 from runtime.messages import typestore
 from runtime.reexecution.differences import differences
 from runtime.reexecution.reexecute import reexecute
@@ -145,7 +145,7 @@ def test_another_processor_decides_the_same() -> None:
     """Linear algebra for the oldest processors, without fused or wide arithmetic: no more than rounding differs."""
     program = (
         "import sys\n"
-        "from runtime.log_file import open_log\n"
+        "from runtime.log.file import open_log\n"
         "from runtime.reexecution.reexecute import reexecute\n"
         "for path in sys.argv[1:]:\n"
         "    with open_log(path) as log:\n"

@@ -14,8 +14,8 @@ from cells import Palpate
 from robots import PATIENCE, loopback
 
 from runtime.messages import Ossd, header, stamp_of
+from runtime.network.zenoh_bus import ZenohBus, ZenohRouter
 from runtime.topics import OSSD
-from runtime.zenoh_bus import ZenohBus, ZenohRouter
 
 
 @pytest.fixture

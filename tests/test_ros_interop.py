@@ -30,7 +30,7 @@ from zenoh import ext
 
 from runtime.declaration import declared
 from runtime.messages import SafetyState, arm, attendance, safety, search, session
-from runtime.rmw_zenoh import type_hash
+from runtime.network.rmw_zenoh import type_hash
 from runtime.ros_package import DEPENDENCIES, ENUMERATIONS, FOLDER, files
 
 PATIENCE = 60.0  # [s]

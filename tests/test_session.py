@@ -19,9 +19,9 @@ from runtime.bus import Envelope
 from runtime.errors import BusError
 from runtime.in_process import run_in_process
 from runtime.launcher import Order
-from runtime.log_file import open_log
+from runtime.log.file import open_log
 from runtime.messages import Attempt, ControlTrace, Ending, Outcome, SafetyState, nanoseconds_of
-from runtime.zenoh_bus import ZenohBus
+from runtime.network.zenoh_bus import ZenohBus
 
 PATIENCE = 60.0
 # What nobody says in a session in which no sensor, button, other cell or person is asked for

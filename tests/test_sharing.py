@@ -21,16 +21,16 @@ from search_samples import REAL, found, tries
 from runtime import config, topics
 from runtime.clock import Stopwatch, pause
 from runtime.errors import InputError
-from runtime.evidence import Evidence, text_of
-from runtime.evidence_exchange import EvidenceExchange
-from runtime.keys import make_keys
-from runtime.known_evidence import KnownEvidence
+from runtime.evidence.evidence import Evidence, text_of
+from runtime.evidence.exchange import EvidenceExchange
+from runtime.evidence.file import Access
+from runtime.evidence.known import KnownEvidence
+from runtime.evidence.store import PosteriorStore
 from runtime.launcher import Order, launch
-from runtime.log_file import open_log
-from runtime.posterior_file import Access
-from runtime.posterior_store import PosteriorStore
+from runtime.log.file import open_log
+from runtime.network.keys import make_keys
+from runtime.network.zenoh_exchange import client, router
 from runtime.reexecution.reexecute import reexecute
-from runtime.zenoh_exchange import client, router
 
 PATIENCE = 60.0  # [s]
 TESTS = Path(__file__).parent

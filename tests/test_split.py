@@ -26,12 +26,12 @@ from runtime.errors import InputError
 from runtime.in_process import run_in_process
 from runtime.launcher import Order, new_session
 from runtime.local_bus import LocalExchange
-from runtime.log_file import open_log
-from runtime.log_split import Split, parse_split
-from runtime.log_writer import SUMMARY
+from runtime.log.file import open_log
+from runtime.log.recording import FileRecording, Opening
+from runtime.log.snapshot_ring import SNAPSHOT, RingRecording, parse_span
+from runtime.log.split import Split, parse_split
+from runtime.log.writer import SUMMARY
 from runtime.recorder import Recorder
-from runtime.recording import FileRecording, Opening
-from runtime.snapshot_ring import SNAPSHOT, RingRecording, parse_span
 
 SECOND = 1_000_000_000  # [ns]
 

@@ -30,9 +30,9 @@ from runtime.bus import Envelope
 from runtime.component import COMPONENTS
 from runtime.errors import InputError, LogError
 from runtime.local_bus import LocalExchange
-from runtime.log_file import open_log
-from runtime.view_board import board_of
-from runtime.view_log import check, view
+from runtime.log.file import open_log
+from runtime.view.board import board_of
+from runtime.view.log import check, view
 from runtime.viewer import POSES_KEPT, REFRESH, Viewer
 
 ENTITIES = {

@@ -30,15 +30,15 @@ from runtime.bus import Envelope, encode
 from runtime.clock import Pacer
 from runtime.context import Context
 from runtime.errors import BusError, SessionError
-from runtime.held_permit import HeldPermit
 from runtime.launcher import Order, assignments, new_session
 from runtime.local_bus import LocalBus, LocalExchange
-from runtime.log_file import open_log
+from runtime.log.file import open_log
 from runtime.messages import Candidate, Ending, Permit, Proposal, SafetyState, Time, header, nanoseconds_of, stamp_of
-from runtime.permit_check import Objection, PermitCheck
-from runtime.permit_gate import SLOW, PermitGate
-from runtime.permit_seal import is_genuine, new_key, sealed
-from runtime.zenoh_bus import ZenohBus, ZenohRouter
+from runtime.network.zenoh_bus import ZenohBus, ZenohRouter
+from runtime.safety.held_permit import HeldPermit
+from runtime.safety.permit_check import Objection, PermitCheck
+from runtime.safety.permit_gate import SLOW, PermitGate
+from runtime.safety.permit_seal import is_genuine, new_key, sealed
 
 MS = 1_000_000  # [ns]
 CELL = config.load("igbt").cell

@@ -17,7 +17,7 @@ from runtime import topics as t
 from runtime.component import COMPONENTS
 from runtime.errors import LogError, PluginError
 from runtime.experiment.what_if import Logged, LoggedHole, logged, swept, what_if
-from runtime.log_file import open_log
+from runtime.log.file import open_log
 from runtime.world import Gap
 
 MM = 1e-3

@@ -24,7 +24,7 @@ from runtime import config, topics
 from runtime.follower import Session
 from runtime.in_process import run_in_process
 from runtime.launcher import Order
-from runtime.log_file import open_log
+from runtime.log.file import open_log
 from runtime.messages import Attempt, Ending, Outcome, SearchGoal, nanoseconds_of
 
 pytest.importorskip("rtde_control")

@@ -27,7 +27,7 @@ from runtime.cell import Hole
 from runtime.clock import Pacer, parse_rate
 from runtime.context import Context
 from runtime.messages import BASE_FRAME, Candidate, SearchGoal, Truth, header
-from runtime.permit_gate import PermitGate
+from runtime.safety.permit_gate import PermitGate
 
 __all__ = ["Job", "attempt_message"]
 

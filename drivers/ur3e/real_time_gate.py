@@ -1,7 +1,7 @@
 """The interlock's permit for an arm that moves by itself: no fresh permit, no motion, and nobody waits.
 
-The real-time counterpart of `runtime.permit_gate`. A simulation can hold its time back until the interlock has spoken;
-a real arm cannot, so a word that is late counts as a refusal, and the arm goes on once there is a new one. Session time
+The real-time counterpart of `runtime.safety.permit_gate`. A simulation can hold its time back until the interlock has
+spoken; a real arm cannot, so a word that is late counts as a refusal, and the arm goes on once there is a new one. Session time
 is the arm's controller time since the session began. It is told on /clock often enough that a permit is renewed
 several times before it ends.
 """
@@ -14,9 +14,9 @@ from dataclasses import dataclass, field
 
 from runtime.bus import Envelope, Publisher
 from runtime.context import Context
-from runtime.held_permit import HeldPermit
 from runtime.messages import NANOSECONDS, Clock, stamp_of
-from runtime.permit_gate import silent
+from runtime.safety.held_permit import HeldPermit
+from runtime.safety.permit_gate import silent
 from runtime.topics import PERMIT
 
 TICK = 20_000_000  # [ns] of session time between ticks of /clock: a permit of 200 ms outlasts nine of them

@@ -7,14 +7,14 @@ import random
 import threading
 from dataclasses import dataclass
 
-from runtime.access import OPERATOR
 from runtime.bus import Envelope
 from runtime.clock import Stopwatch
 from runtime.errors import BusError
-from runtime.meeting_point import MeetingPoint
 from runtime.messages import NANOSECONDS, ArmStatus, CurtainCommand, CurtainState, nanoseconds_of
+from runtime.network.access import OPERATOR
+from runtime.network.meeting_point import MeetingPoint
+from runtime.network.zenoh_bus import ZenohBus
 from runtime.topics import ARM_STATUS, LIGHT_FIELD
-from runtime.zenoh_bus import ZenohBus
 
 PAUSE = (0.2, 0.8)  # [s] of machine time between an arm that may move again and the next break
 HOLD = (0.2, 0.35)  # [s] between the stop and a clear field

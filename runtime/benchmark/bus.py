@@ -13,7 +13,7 @@ from runtime.benchmark.figures import percentile, processor_time, ratio, shares
 from runtime.benchmark.station import Station, free_port, stations
 from runtime.clock import Stopwatch, pause
 from runtime.errors import SessionError
-from runtime.zenoh_bus import ZenohRouter
+from runtime.network.zenoh_bus import ZenohRouter
 
 PAIRS = 3  # of processes that a contender has one after the other: each pair has luck of its own with the machine
 ROUNDS = 4  # with each pair

@@ -11,7 +11,7 @@ from typing import Any, Protocol
 from runtime.benchmark.sample import PING, PONG, joint_state
 from runtime.bus import Envelope
 from runtime.messages import JointState
-from runtime.zenoh_bus import ZenohBus
+from runtime.network.zenoh_bus import ZenohBus
 
 
 @dataclass(frozen=True)

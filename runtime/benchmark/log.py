@@ -23,7 +23,7 @@ from runtime.benchmark.log_contenders import (
 )
 from runtime.benchmark.station import Station, free_port, stations
 from runtime.clock import Stopwatch
-from runtime.log_file import open_log
+from runtime.log.file import open_log
 
 ROUNDS = 5
 
@@ -170,13 +170,13 @@ def time_to_open(path: Path) -> dict[str, float]:
 
     Raises LogError for a log that cannot be read.
     """
-    from runtime.view_log import convert
+    from runtime.view.log import convert
 
     with tempfile.TemporaryDirectory(prefix="palpate-") as folder:
         watch = Stopwatch()
         with open_log(path) as log:
             indexed = watch.seconds
-            from runtime.view_log import convert  # to load Rerun belongs to the wait
+            from runtime.view.log import convert  # to load Rerun belongs to the wait
 
             convert(log, Path(folder) / "view.rrd")
             opened = watch.seconds

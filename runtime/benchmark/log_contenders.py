@@ -22,12 +22,12 @@ from runtime.context import Context
 from runtime.declaration import type_name
 from runtime.errors import SessionError
 from runtime.local_bus import LocalBus, LocalExchange
-from runtime.log_file import open_log
-from runtime.log_writer import CHUNK_SIZE, PROFILE, SUMMARY, LogWriter
+from runtime.log.file import open_log
+from runtime.log.writer import CHUNK_SIZE, PROFILE, SUMMARY, LogWriter
 from runtime.messages import JointState, PublisherCount, PublisherCounts, header, typestore
+from runtime.network.zenoh_bus import ZenohBus
 from runtime.recorder import Recorder
 from runtime.topics import COUNTS
-from runtime.zenoh_bus import ZenohBus
 
 PERIOD = 100_000  # [ns] between two messages
 _PUBLISHER = bytes(range(16))

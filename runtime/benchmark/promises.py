@@ -21,12 +21,12 @@ from numpy.typing import NDArray
 from runtime.benchmark.small_cell import Ending, Heard, SmallCell
 from runtime.bus import Envelope, decode
 from runtime.errors import BusError, PalpateError
-from runtime.log_file import LogFile, open_log
-from runtime.log_recovery import recover
-from runtime.log_writer import SUMMARY
+from runtime.evidence.file import Access
+from runtime.evidence.store import PosteriorStore
+from runtime.log.file import LogFile, open_log
+from runtime.log.recovery import recover
+from runtime.log.writer import SUMMARY
 from runtime.messages import NANOSECONDS, nanoseconds_of
-from runtime.posterior_file import Access
-from runtime.posterior_store import PosteriorStore
 from runtime.topics import BELIEF, PERMIT, SEARCH_GOAL, SEARCH_RESULT, TRACE, Topic
 
 STOP_LIMIT = 0.1  # [s] of session time from the end of the last permit until every joint is commanded to stand

@@ -24,7 +24,7 @@ from runtime.config import CellFile
 from runtime.errors import InputError, SessionError
 from runtime.follower import FailedSessionError, Progress, Session
 from runtime.launcher import Order, launch
-from runtime.log_file import LogFile, open_log
+from runtime.log.file import LogFile, open_log
 from runtime.messages import NANOSECONDS
 
 REAL_TIME, FULL_SPEED = "1.0", "max"

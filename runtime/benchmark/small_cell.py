@@ -23,9 +23,9 @@ from runtime.bus import Envelope
 from runtime.clock import Stopwatch, pause
 from runtime.closing import Closing
 from runtime.errors import BusError, InputError, SessionError
+from runtime.network.zenoh_bus import ZenohBus
 from runtime.roles import LAUNCHER
 from runtime.topics import JOINT_STATES, Topic
-from runtime.zenoh_bus import ZenohBus
 
 RATE = "5"  # session seconds per second: an arm that has no permit stops, as it would at rate 1.0
 STARTING = 60.0  # [s] for a cell to be at work on a busy machine

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from runtime.errors import LogError
-from runtime.log_file import LogFile
+from runtime.log.file import LogFile
 from runtime.messages import NANOSECONDS, nanoseconds_of
 from runtime.topics import PERMIT, TRACE
 

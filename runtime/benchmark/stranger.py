@@ -23,6 +23,7 @@ from runtime.messages import (
     header,
     stamp_of,
 )
+from runtime.network.zenoh_bus import ZenohBus
 from runtime.topics import (
     ATTEMPT,
     CANDIDATE,
@@ -37,7 +38,6 @@ from runtime.topics import (
     SESSION,
     Topic,
 )
-from runtime.zenoh_bus import ZenohBus
 
 # What the plugins of a cell listen to; recorder and viewer hear everything.
 INPUTS: tuple[Topic[Any], ...] = (

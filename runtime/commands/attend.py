@@ -7,16 +7,16 @@ import sys
 
 from rich.console import Console
 
-from runtime.access import OPERATOR
 from runtime.bus import Bus, Envelope
 from runtime.commands.attendance import PROMPT, answer_of, choice_of, show_request, user
 from runtime.config import meeting_point
 from runtime.errors import BusError, InputError
 from runtime.intervention import answered
-from runtime.meeting_point import MeetingPoint
 from runtime.messages import AnswerGiven, Choice, Intervention, InterventionAnswer, InterventionReply, Need
+from runtime.network.access import OPERATOR
+from runtime.network.meeting_point import MeetingPoint
+from runtime.network.zenoh_bus import ZenohBus
 from runtime.topics import ANSWER, INTERVENTION, SESSION
-from runtime.zenoh_bus import ZenohBus
 
 _PATIENCE = 3.0  # [s] for a router to answer
 _ANSWER = 10.0  # [s] for the cell to

@@ -13,7 +13,7 @@ from rich.table import Table
 
 from runtime.commands.progress import progress_bar
 from runtime.errors import InputError, alternatives
-from runtime.log_file import open_log
+from runtime.log.file import open_log
 
 FLOOD = 100_000  # messages of each contender in a minute
 LEAST, MOST = 100, 10_000_000  # messages that a measurement can have

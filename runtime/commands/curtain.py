@@ -6,12 +6,12 @@ import argparse
 
 from rich.console import Console
 
-from runtime.access import OPERATOR
 from runtime.config import meeting_point
 from runtime.errors import BusError, InputError
 from runtime.messages import CurtainCommand, CurtainState
+from runtime.network.access import OPERATOR
+from runtime.network.zenoh_bus import ZenohBus
 from runtime.topics import LIGHT_FIELD
-from runtime.zenoh_bus import ZenohBus
 
 _PATIENCE = 3.0  # [s] for a router to answer
 _ANSWER = 10.0  # [s] for a curtain to

@@ -9,15 +9,15 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable
 
-from runtime.access import GUEST
-from runtime.admission import Admission
 from runtime.bus import Envelope
 from runtime.clock import Stopwatch
 from runtime.errors import BusError, InputError
-from runtime.interlock import Times
-from runtime.meeting_point import MeetingPoint
+from runtime.network.access import GUEST
+from runtime.network.admission import Admission
+from runtime.network.meeting_point import MeetingPoint
+from runtime.network.zenoh_bus import ZenohBus
+from runtime.safety.interlock import Times
 from runtime.topics import OSSD
-from runtime.zenoh_bus import ZenohBus
 
 _RETRY = 0.5  # [s] between looks for a cell
 _SILENCE = 3.0  # [s] without a word from the curtain until its cell counts as gone

@@ -10,9 +10,9 @@ from rich.table import Table
 
 from runtime.commands.progress import progress_bar
 from runtime.errors import InputError, LogError, alternatives
-from runtime.log_file import open_log
-from runtime.log_tables import SIGNALS, hindrance, reader, tables
-from runtime.table_files import targets, write
+from runtime.log.file import open_log
+from runtime.log.table_files import targets, write
+from runtime.log.tables import SIGNALS, hindrance, reader, tables
 
 NO_SIGNALS = "none"
 NO_ROWS = {"stops": "there always was a permit"}

@@ -10,9 +10,9 @@ from itertools import groupby
 from rich.console import Console
 from rich.table import Table
 
-from runtime.log_file import open_log
-from runtime.log_info import LogInfo, info_of
-from runtime.log_tables import word
+from runtime.log.file import open_log
+from runtime.log.info import LogInfo, info_of
+from runtime.log.tables import word
 from runtime.messages import Ending, SearchResult
 
 SEARCHES_SHOWN = 27  # more than these are summed up board by board

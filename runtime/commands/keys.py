@@ -7,8 +7,8 @@ from pathlib import Path
 
 from rich.console import Console
 
-from runtime.access import ROLES
-from runtime.keys import CA, DAYS, make_keys
+from runtime.network.access import ROLES
+from runtime.network.keys import CA, DAYS, make_keys
 
 
 def keys_command(arguments: argparse.Namespace) -> int:

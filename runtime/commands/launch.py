@@ -22,13 +22,13 @@ from runtime.errors import InputError, LogError, SessionError
 from runtime.follower import FailedSessionError, Progress, Session
 from runtime.in_process import run_in_process
 from runtime.launcher import Order, launch
-from runtime.log_file import open_log
-from runtime.log_split import parse_split
-from runtime.log_writer import SUMMARY
+from runtime.log.file import open_log
+from runtime.log.snapshot_ring import SNAPSHOT, parse_span
+from runtime.log.split import parse_split
+from runtime.log.writer import SUMMARY
 from runtime.messages import NANOSECONDS, Ending
 from runtime.roles import VIEWER
-from runtime.snapshot_ring import SNAPSHOT, parse_span
-from runtime.view_target import has_display
+from runtime.view.target import has_display
 
 Run = Callable[[Order, Callable[[Progress], None]], Session]
 OVERRIDES = ("strategy", "component", "boards", "seed", "rate")

@@ -7,14 +7,14 @@ import math
 
 from rich.console import Console
 
-from runtime.access import OPERATOR
 from runtime.clock import MAX_RATE
 from runtime.config import meeting_point
 from runtime.errors import BusError, InputError
 from runtime.messages import PlayerState
-from runtime.playback import command
+from runtime.network.access import OPERATOR
+from runtime.network.zenoh_bus import ZenohBus
+from runtime.playback.state import command
 from runtime.topics import PLAYER_CONTROL
-from runtime.zenoh_bus import ZenohBus
 
 _PATIENCE = 3.0  # [s] for a router to answer
 _ANSWER = 70.0  # [s] for a player to: a slow receiver may hold it up for a minute

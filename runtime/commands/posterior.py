@@ -14,10 +14,10 @@ from rich.markup import escape
 from rich.table import Table
 
 from runtime.errors import InputError, alternatives
-from runtime.evidence_text import as_csv, as_json, as_lines, read_text
+from runtime.evidence.file import Access, missing
+from runtime.evidence.store import Holding, PosteriorStore
+from runtime.evidence.text import as_csv, as_json, as_lines, read_text
 from runtime.messages import NANOSECONDS
-from runtime.posterior_file import Access, missing
-from runtime.posterior_store import Holding, PosteriorStore
 
 _FORMATS = {".json": as_json, ".jsonl": as_lines, ".csv": as_csv}
 _COUNTED = ("searches", "inserted", "exhausted", "aborted", "sessions")

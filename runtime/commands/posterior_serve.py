@@ -12,10 +12,10 @@ from rich.console import Console
 
 from runtime.clock import wall_clock
 from runtime.errors import InputError
-from runtime.evidence_exchange import EvidenceExchange
-from runtime.posterior_store import PosteriorStore
-from runtime.sharing_point import DEFAULT_ENDPOINT, check_endpoint, host_of, is_loopback
-from runtime.zenoh_exchange import router
+from runtime.evidence.exchange import EvidenceExchange
+from runtime.evidence.store import PosteriorStore
+from runtime.network.sharing_point import DEFAULT_ENDPOINT, check_endpoint, host_of, is_loopback
+from runtime.network.zenoh_exchange import router
 
 _LOOK = 0.5  # [s] between looks for something to say
 

@@ -8,7 +8,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from runtime.log_file import open_log
+from runtime.log.file import open_log
 from runtime.messages import NANOSECONDS
 from runtime.reexecution.differences import FieldDifference
 from runtime.reexecution.reexecute import reexecute

@@ -8,7 +8,7 @@ from pathlib import Path
 from rich.console import Console
 
 from runtime.commands.progress import progress_bar
-from runtime.log_recovery import recover
+from runtime.log.recovery import recover
 
 
 def recover_command(arguments: argparse.Namespace) -> int:

@@ -11,7 +11,6 @@ from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
-from runtime.access import PLAYER
 from runtime.bus import Inbox, Request, encode
 from runtime.clock import parse_rate
 from runtime.commands.player import state_line
@@ -19,12 +18,13 @@ from runtime.commands.recheck import recheck_command
 from runtime.commands.what_if import what_if_command
 from runtime.config import meeting_point
 from runtime.errors import InputError
-from runtime.log_file import open_log
+from runtime.log.file import open_log
+from runtime.network.access import PLAYER
+from runtime.network.zenoh_bus import ZenohBus, ZenohRouter
+from runtime.playback.keys import HELP, command_of, keys_of
+from runtime.playback.playlist import Selection, parse_remap, playlist
 from runtime.player import Manner, Player, PlaySummary
-from runtime.player_keys import HELP, command_of, keys_of
-from runtime.playlist import Selection, parse_remap, playlist
 from runtime.topics import PLAYER_CONTROL
-from runtime.zenoh_bus import ZenohBus, ZenohRouter
 
 _WAITING = "waiting for somebody to listen to {}"
 _REFRESH = 8.0  # [Hz] of the status line

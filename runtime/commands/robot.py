@@ -26,9 +26,9 @@ from runtime.commands.launch import viewer_mode
 from runtime.config import CellFile, redacted
 from runtime.crew import Crew
 from runtime.errors import InputError, SessionError
-from runtime.meeting_point import MeetingPoint
+from runtime.network.meeting_point import MeetingPoint
+from runtime.network.zenoh_bus import ZenohRouter
 from runtime.roles import Assignment
-from runtime.zenoh_bus import ZenohRouter
 
 EMPTY = "empty"
 PORTS = {

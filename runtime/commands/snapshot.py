@@ -6,12 +6,12 @@ import argparse
 
 from rich.console import Console
 
-from runtime.access import OPERATOR
 from runtime.config import meeting_point
 from runtime.errors import BusError, SessionError
 from runtime.messages import SnapshotRequest
+from runtime.network.access import OPERATOR
+from runtime.network.zenoh_bus import ZenohBus
 from runtime.topics import SNAPSHOT
-from runtime.zenoh_bus import ZenohBus
 
 TIMEOUT = 60.0  # [s] for a recorder to write what it has
 PATIENCE = 3.0  # [s] for a cell to answer

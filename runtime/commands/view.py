@@ -6,7 +6,7 @@ import argparse
 import os
 from pathlib import Path
 
-from runtime.log_file import open_log
+from runtime.log.file import open_log
 
 
 def view_command(arguments: argparse.Namespace) -> int:
@@ -14,7 +14,7 @@ def view_command(arguments: argparse.Namespace) -> int:
     save = Path(arguments.save) if arguments.save else None
     os.environ.setdefault("RUST_LOG", "error")  # what Rerun warns of is said below, in one line
     with open_log(arguments.log) as log:
-        from runtime.view_log import view
+        from runtime.view.log import view
 
         view(log, web=arguments.web, save=save)
         log.check_complete("everything that it holds was shown")

@@ -11,7 +11,7 @@ from rich.table import Table
 from runtime.commands.progress import progress_bar
 from runtime.errors import InputError
 from runtime.experiment.what_if import DRAWS, Logged, Outlook, WhatIf, logged, what_if
-from runtime.log_file import open_log
+from runtime.log.file import open_log
 
 _CAVEATS = """\
 ± is the spread over {draws} draws of places for the holes that agree with what the log felt, not an error of the mean.

@@ -23,7 +23,7 @@ from runtime.config import Cell, cell_of
 from runtime.errors import LogError
 from runtime.experiment.model import Capture, Point, StatisticalBench, along
 from runtime.feasible_area import FeasibleArea, area_of
-from runtime.log_file import LogFile
+from runtime.log.file import LogFile
 from runtime.messages import Attempt, Candidate, Ending, Outcome, SearchGoal, slid_in
 from runtime.plain_job import PlainJob
 from runtime.plugin import Strategy

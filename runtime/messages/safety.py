@@ -103,7 +103,7 @@ class Permit:
     mutings: UInt64 = 0  # likewise
     stop_category: UInt8 = 2  # after IEC 60204-1, of the stop that a refusal or the end of this word asks for
     session: Text = ""  # in which it holds; empty in logs that are older than this field
-    seal: Text = ""  # of who holds the session's key; see runtime.permit_seal
+    seal: Text = ""  # of who holds the session's key; see runtime.safety.permit_seal
 
     __msgtype__: ClassVar[str]
 

@@ -61,7 +61,7 @@ class PublisherCounts:
 class PlayerCommand:
     """What a player of a log is to do, and by how much."""
 
-    action: Text  # one of runtime.playback.ACTIONS
+    action: Text  # one of runtime.playback.state.ACTIONS
     value: Number  # seek, skip: [s]; rate: times the recorded speed, inf for max; scale: a factor; step: messages
 
     __msgtype__: ClassVar[str]

@@ -8,7 +8,6 @@ from typing import Any
 from runtime import roles, topics
 from runtime.clock import SessionClock
 from runtime.config import Cell
-from runtime.interlock_plugin import InterlockDesk
 from runtime.messages import (
     Ossd,
     Permit,
@@ -16,6 +15,7 @@ from runtime.messages import (
 )
 from runtime.reexecution.session import Recorded
 from runtime.reexecution.verdict import Verdict
+from runtime.safety.plugin import InterlockDesk
 from runtime.topics import Topic
 
 

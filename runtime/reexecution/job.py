@@ -10,9 +10,9 @@ from runtime import roles, topics
 from runtime.assembly import Agenda, SearchReport, Task, goal_for, tasks_of
 from runtime.clock import SessionClock
 from runtime.config import Cell
-from runtime.evidence import evidence_of
+from runtime.evidence.evidence import evidence_of
+from runtime.evidence.known import misses_of, seats_of
 from runtime.intervention import AttendanceDesk, nothing_needed
-from runtime.known_evidence import misses_of, seats_of
 from runtime.messages import (
     Attempt,
     Intervention,

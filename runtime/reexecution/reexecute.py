@@ -27,7 +27,7 @@ from runtime import roles
 from runtime.clock import Stopwatch
 from runtime.config import strategy_of
 from runtime.errors import LogError
-from runtime.log_file import LogFile
+from runtime.log.file import LogFile
 from runtime.reexecution.interlock import check_interlock
 from runtime.reexecution.job import check_job
 from runtime.reexecution.session import recorded_session

@@ -12,7 +12,7 @@ from runtime import topics
 from runtime.config import Cell, cell_of, redacted
 from runtime.declaration import type_name
 from runtime.errors import LogError
-from runtime.log_file import LogFile
+from runtime.log.file import LogFile
 from runtime.messages import (
     AnswerGiven,
     Attempt,

@@ -28,8 +28,8 @@ from runtime import config, topics  # noqa: E402
 from runtime.bus import Envelope, encode  # noqa: E402
 from runtime.in_process import run_in_process  # noqa: E402
 from runtime.launcher import Order  # noqa: E402
-from runtime.log_file import open_log  # noqa: E402
-from runtime.log_writer import LogWriter  # noqa: E402
+from runtime.log.file import open_log  # noqa: E402
+from runtime.log.writer import LogWriter  # noqa: E402
 from runtime.reexecution.session import DECIDED_FROM  # noqa: E402
 
 STRATEGIES = ("linear", "spiral", "hybrid", "meta", "bayes", "bayes-slide")

@@ -27,7 +27,7 @@ from runtime.clock import pause
 from runtime.config import Cell, cell_of, robot_of
 from runtime.context import Context
 from runtime.errors import InputError, PalpateError
-from runtime.meeting_point import MeetingPoint
+from runtime.network.meeting_point import MeetingPoint
 
 _INPUT_CYCLES = 2  # between looks at standard input
 _STATE_CYCLES = round(0.2 / CYCLE)
@@ -157,7 +157,7 @@ def _serve(order: dict[str, Any], console: _Console) -> None:
     )
     context: Context | None = None
     if order["bus_port"]:
-        from runtime.zenoh_bus import ZenohBus
+        from runtime.network.zenoh_bus import ZenohBus
 
         point = MeetingPoint(order["bus_port"], cell.bus.domain)
         context = Context(roles.ARM, ZenohBus(roles.ARM, point), cell, "robot")

@@ -1,0 +1,1 @@
+"""What was found in searches, kept for good and shared between cells."""

@@ -1,0 +1,1 @@
+"""Recorded sessions as files: written, read, recovered, summed up."""

@@ -1,0 +1,1 @@
+"""How a cell's plugins meet on Zenoh, and who may say what there."""

@@ -1,0 +1,1 @@
+"""The interlock, and the arm's side of it: no fresh permit, no motion."""

@@ -1,0 +1,1 @@
+"""What Rerun shows of a session."""
