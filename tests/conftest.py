@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import os
 import socket
 import threading
 from collections.abc import Callable, Iterator
 
 import pytest
 from hypothesis import settings
+
+from runtime.cli import ONE_THREAD
+
+os.environ.update(ONE_THREAD)  # before anything loads linear algebra, as in every process of a cell
 
 from runtime.bus import Bus, Request
 from runtime.local_bus import LocalBus, LocalExchange
@@ -20,7 +25,6 @@ settings.load_profile("untimed")
 
 # Tests against a controller that keeps the machine's time: with `pytest -n 2` they run one after another.
 REAL_TIME = (
-    "bench_safety",
     "control_box",
     "dashboard",
     "drivers",
@@ -30,8 +34,9 @@ REAL_TIME = (
     "reverse",
     "robot",
     "rtde",
+    "ur_rtde",
+    "wired",
 )
-REAL_TIME += ("ur_rtde", "wired")
 
 BARRIER = Service("/test/barrier", BeliefRequest, BeliefRequest, "clerk", "an answer that comes after all before it")
 MakeBus = Callable[[str], Bus]

@@ -4,8 +4,8 @@
     python tests/mutate_interlock.py '*Channel*'                     # only mutants whose name matches
 
 Changes `runtime/safety/interlock.py` and `runtime/safety/muting.py` in a copy, one spot at a time, and runs
-`tests/test_interlock.py` against each. Prints what survives; `tests/interlock_mutants.md` explains why that is no hole. mutmut leaves properties
-alone, so the copy has them as methods behind properties.
+`tests/test_interlock.py` against each. Prints what survives; `tests/interlock_mutants.md` explains why that is no hole.
+mutmut leaves properties alone, so the copy has them as methods behind properties.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from rich.console import Console
 
 ROOT = Path(__file__).parent.parent
 MUTATED = ("runtime/safety/interlock.py", "runtime/safety/muting.py")
-NEEDED = ("runtime/__init__.py", "runtime/declaration.py", "runtime/messages")
+NEEDED = ("runtime/__init__.py", "runtime/declaration.py", "runtime/messages", "runtime/safety/__init__.py")
 TEST = "tests/test_interlock.py"
 CONFIG = f"""[mutmut]
 source_paths=runtime

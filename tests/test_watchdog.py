@@ -33,7 +33,7 @@ from runtime.errors import BusError, SessionError
 from runtime.launcher import Order, assignments, new_session
 from runtime.local_bus import LocalBus, LocalExchange
 from runtime.log.file import open_log
-from runtime.messages import Candidate, Ending, Permit, Proposal, SafetyState, Time, header, nanoseconds_of, stamp_of
+from runtime.messages import Ending, Permit, Reset, SafetyState, Time, header, nanoseconds_of, stamp_of
 from runtime.network.zenoh_bus import ZenohBus, ZenohRouter
 from runtime.safety.held_permit import HeldPermit
 from runtime.safety.permit_check import Objection, PermitCheck
@@ -221,11 +221,11 @@ def test_who_has_not_the_key_can_stop_the_arm_but_never_move_it(story: list[Said
 
 Gate = PermitGate | RealTimeGate
 ENVELOPES = ("a second interlock", "its sequence number again")  # wrong by how they travel: the bus has them right
-MARK = Candidate(header(0), 1, 1, False, "", Proposal(0.0, 0.0))
+MARK = Reset(header(0), "mark")  # which several may press
 
 
 def wait_for_marks(gate: Gate, count: int, now: int) -> None:
-    """Let the gate take what arrives, until so many candidates have, which were sent last."""
+    """Let the gate take what arrives, until so many marks have, which were sent last."""
     deadline = time.monotonic() + 20.0
     while len(gate.waiting) < count:
         assert time.monotonic() < deadline
@@ -241,13 +241,13 @@ def test_no_wrong_permit_on_the_bus_moves_the_arm_and_the_next_right_one_does(ki
         arm, interlock, intruder = (
             stack.enter_context(ZenohBus(role, port)) for role in (roles.ARM, roles.INTERLOCK, "intruder")
         )
-        arm.subscribe(topics.PERMIT, topics.CANDIDATE)
+        arm.subscribe(topics.PERMIT, topics.RESET)
         context = Context(roles.ARM, arm, CELL, SESSION, KEY)
         context.ready()
         clock = arm.publisher(topics.CLOCK)
         gate = PermitGate(context, clock, Pacer(1000.0)) if kind is PermitGate else RealTimeGate(context, clock)
         right, false = interlock.publisher(topics.PERMIT), intruder.publisher(topics.PERMIT)
-        marks = [bus.publisher(topics.CANDIDATE) for bus in (interlock, intruder)]
+        marks = [bus.publisher(topics.RESET) for bus in (interlock, intruder)]
         for bus in (arm, interlock, intruder):
             bus.settle()
         right.send(sealed(LAST, KEY), 0)

@@ -1,9 +1,9 @@
 """The interlock's permit for an arm that moves by itself: no fresh permit, no motion, and nobody waits.
 
 The real-time counterpart of `runtime.safety.permit_gate`. A simulation can hold its time back until the interlock has
-spoken; a real arm cannot, so a word that is late counts as a refusal, and the arm goes on once there is a new one. Session time
-is the arm's controller time since the session began. It is told on /clock often enough that a permit is renewed
-several times before it ends.
+spoken; a real arm cannot, so a word that is late counts as a refusal, and the arm goes on once there is a new one.
+Session time is the arm's controller time since the session began. It is told on /clock often enough that a permit is
+renewed several times before it ends.
 """
 
 from __future__ import annotations

@@ -31,6 +31,7 @@ from runtime.topics import COUNTS
 
 PERIOD = 100_000  # [ns] between two messages
 _PUBLISHER = bytes(range(16))
+FLOODS = "arm"  # the role whose part the flood plays: a recorder believes the last word of a cell's own plugins
 _MEETING = 20.0  # [s] for the flood to hear of the recorder
 _LOOK = 0.01  # [s] between looks whether it did
 
@@ -115,7 +116,7 @@ def _by_recorder(path: Path, messages: list[Envelope]) -> Written:
     counts = [
         PublisherCount(topic.name, sum(envelope.topic == topic.name for envelope in messages)) for topic in LOGGED
     ]
-    last_word = encode(PublisherCounts(header(messages[-1].stamp), "flood", counts))
+    last_word = encode(PublisherCounts(header(messages[-1].stamp), FLOODS, counts))
     bus.inbox.put(Envelope(COUNTS.name, type_name(COUNTS.type), last_word, messages[-1].stamp, 1, _PUBLISHER))
     context.stop()
 
@@ -225,8 +226,8 @@ class FloodPart:
     def flood(self, count: int) -> float:
         """Publish so many messages. Returns when that began [s]."""
         messages = payloads(count)
-        with ZenohBus("flood", self._port) as bus:
-            context = _surroundings("flood", bus)
+        with ZenohBus(FLOODS, self._port) as bus:
+            context = _surroundings(FLOODS, bus)
             publishers = [bus.publisher(topic) for topic in LOGGED]
             context.ready()
             watch = Stopwatch()
