@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import fcntl
 import os
 import socket
+import tempfile
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator, Iterator
+from functools import cache
+from pathlib import Path
 
 import pytest
 from hypothesis import settings
@@ -23,7 +27,7 @@ from runtime.topics import Service
 settings.register_profile("untimed", deadline=None)  # how long an example takes tells of the machine
 settings.load_profile("untimed")
 
-# Tests against a controller that keeps the machine's time: with `pytest -n 2` they run one after another.
+# Tests against a controller that keeps the machine's time: with `pytest -n 2` they have the machine to themselves.
 REAL_TIME = (
     "control_box",
     "dashboard",
@@ -42,11 +46,67 @@ BARRIER = Service("/test/barrier", BeliefRequest, BeliefRequest, "clerk", "an an
 MakeBus = Callable[[str], Bus]
 
 
+def group_of(item: pytest.Item) -> str:
+    """What shares fixtures, or the machine's time."""
+    name = item.path.stem.removeprefix("test_")
+    return "real time" if name.startswith(REAL_TIME) else name
+
+
+@pytest.hookimpl(tryfirst=True)  # before xdist looks for groups
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """With `pytest -n 2`, keep what shares fixtures, or the machine's time, in one process."""
+    """With `pytest -n 2`, keep each group in one process."""
     for item in items:
-        name = item.path.stem.removeprefix("test_")
-        item.add_marker(pytest.mark.xdist_group("real time" if name.startswith(REAL_TIME) else name))
+        item.add_marker(pytest.mark.xdist_group(group_of(item)))
+
+
+class Floor:
+    """Two locks among the processes of one `pytest -n 2`: a test in real time waits until nobody else is at work."""
+
+    def __init__(self, run: str) -> None:
+        folder = Path(tempfile.gettempdir())
+        self.files = [folder / f"palpate-{run}.{name}" for name in ("door", "room")]
+        self._door, self._room = (os.open(file, os.O_CREAT | os.O_RDWR) for file in self.files)
+        self.alone = False
+
+    def enter(self, alone: bool) -> None:
+        fcntl.flock(self._door, fcntl.LOCK_EX)  # who waits to be alone lets nobody else in meanwhile
+        fcntl.flock(self._room, fcntl.LOCK_EX if alone else fcntl.LOCK_SH)
+        fcntl.flock(self._door, fcntl.LOCK_UN)
+        self.alone = alone
+
+    def leave(self) -> None:
+        fcntl.flock(self._room, fcntl.LOCK_UN)
+        self.alone = False
+
+
+@cache
+def floor() -> Floor | None:
+    """None where tests run in one process."""
+    run = os.environ.get("PYTEST_XDIST_TESTRUNUID")
+    return Floor(run) if run and "PYTEST_XDIST_WORKER" in os.environ else None
+
+
+def pytest_sessionfinish() -> None:
+    place = floor()
+    if place is not None:
+        for file in place.files:  # whoever is still at work has them open
+            file.unlink(missing_ok=True)
+
+
+@pytest.hookimpl(wrapper=True, tryfirst=True)
+def pytest_runtest_protocol(item: pytest.Item, nextitem: pytest.Item | None) -> Generator[None, object, object]:
+    """Tests in real time run while no other does; one after another without a pause between."""
+    place = floor()
+    if place is None:
+        return (yield)
+    alone = group_of(item) == "real time"
+    if not place.alone:
+        place.enter(alone)
+    try:
+        return (yield)
+    finally:
+        if not (alone and nextitem is not None and group_of(nextitem) == "real time"):
+            place.leave()
 
 
 def unused_port() -> int:

@@ -95,8 +95,11 @@ def test_programs_get_the_same_as_one_json_object(palpate: CommandLine, sample: 
 def test_a_log_that_is_cut_short_is_told_as_far_as_it_goes(palpate: CommandLine, sample: Path) -> None:
     whole = sample.read_bytes()
     cut = palpate.folder / "cut.mcap"
-    cut.write_bytes(whole[: len(whole) // 2])
-    told = json.loads(palpate.run("info", cut, "--json").stdout)
+    for share in (0.5, 0.6, 0.7, 0.8, 0.9):  # where a search ends in the file depends on how often it was flushed
+        cut.write_bytes(whole[: int(share * len(whole))])
+        told = json.loads(palpate.run("info", cut, "--json").stdout)
+        if told["searches"]:
+            break
     assert not told["complete"]
     assert told["lost"] is None
     assert [row["hole"] for row in told["searches"]] == ["1"]
