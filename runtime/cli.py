@@ -17,6 +17,7 @@ from typing import NoReturn
 
 from runtime.arguments import cells, keys, log_contents, logs, measures, posterior
 from runtime.arguments.parser import Parser, parser
+from runtime.linear_algebra import ONE_THREAD
 
 DESCRIPTION = """\
 palpate finds the hole by touch: a robot cell that inserts through-hole parts into circuit
@@ -28,9 +29,6 @@ examples:
   palpate launch --strategy spiral --boards 3     another strategy, three boards
   palpate robot                                   a simulated UR3e that any UR client can connect to
   palpate view logs/20261122-151233.mcap          look at a session in Rerun"""
-
-# How many threads share a sum decides how it is rounded, and a decision must not depend on where it was made.
-ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
 
 
 def _parser() -> Parser:

@@ -16,6 +16,7 @@ from typing import IO, Self
 
 from runtime.clock import Stopwatch, pause
 from runtime.errors import SessionError
+from runtime.linear_algebra import ONE_THREAD
 from runtime.roles import CLOSING_ORDER, RECORDER, Assignment
 
 START_TIMEOUT = 120.0  # [s] for all plugins to report; a busy machine imports slowly
@@ -78,7 +79,7 @@ class Crew:
             stderr=errors,
             text=True,
             start_new_session=True,  # Ctrl-C reaches the launcher alone
-            env={**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"},  # plugins share the cores
+            env=os.environ | ONE_THREAD,  # plugins share the cores, too
         )
         self._processes[assignment.role] = Process(assignment.role, popen, errors)
         assert popen.stdin is not None

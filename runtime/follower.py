@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import logging
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -82,6 +83,15 @@ class Session:
         return sorted(found, key=lambda path: (len(path.name), path.name))
 
 
+def begin(wait_until_ready: Callable[[], None]) -> SessionError | None:
+    """Wait until all plugins are ready; why they never will be, if so."""
+    try:
+        wait_until_ready()
+    except SessionError as error:
+        return error
+    return None
+
+
 class FailedSessionError(SessionError):
     """A session that failed while it ran, with what it left."""
 
@@ -141,6 +151,19 @@ class Follower:
             self.fail(error)
             raise
         self._say(Phase.CLOSING, "interrupted" if self._session.interrupted else self._session.aborted or "closing")
+
+    def see_through(self, failure: SessionError | None, close: Callable[[], None]) -> None:
+        """Follow the session, unless it has failed to begin, and close it whatever happens."""
+        try:
+            if failure is not None:
+                self.fail(failure)
+                raise failure
+            self.follow()
+        except BaseException:
+            with contextlib.suppress(SessionError):  # what failed first is what is told
+                close()
+            raise
+        close()
 
     def fail(self, error: BaseException) -> None:
         """Say that the session failed, and why."""

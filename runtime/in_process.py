@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-import contextlib
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
 
 from runtime import roles
 from runtime.config import cell_of
 from runtime.context import Context
 from runtime.errors import SessionError
-from runtime.follower import FailedSessionError, Follower, Progress, Session
+from runtime.follower import Follower, Progress, Session, begin
 from runtime.host import run
-from runtime.launcher import Order, assignments, check_order, new_session
+from runtime.launcher import Order, assignments, carried_out
 from runtime.local_bus import LocalBus, LocalExchange
 from runtime.roles import Assignment
 
@@ -53,16 +53,6 @@ class _Worker:
             raise SessionError(f"{self.assignment.role}: {self.failure[0]}") from self.failure[0]
 
 
-def _start(exchange: LocalExchange, names: set[str], check: Callable[[], None]) -> SessionError | None:
-    """Wait until all plugins are ready; why they never will be, if so."""
-    try:
-        while exchange.wait_for(names, 0.2):
-            check()
-    except SessionError as error:
-        return error
-    return None
-
-
 def _close(workers: dict[str, _Worker], follower: Follower) -> None:
     for role in roles.CLOSING_ORDER:
         if role == roles.RECORDER:
@@ -73,13 +63,7 @@ def _close(workers: dict[str, _Worker], follower: Follower) -> None:
 
 def run_in_process(order: Order, show: Callable[[Progress], None] = lambda _progress: None) -> Session:
     """Like `launcher.launch`, on a bus within this process."""
-    check_order(order)
-    session = new_session(order.logs)
-    try:
-        _run(order, session, show)
-    except SessionError as error:
-        raise FailedSessionError(str(error), session) from error
-    return session
+    return carried_out(order, show, _run)
 
 
 def _run(order: Order, session: Session, show: Callable[[Progress], None]) -> None:
@@ -93,6 +77,10 @@ def _run(order: Order, session: Session, show: Callable[[Progress], None]) -> No
             if not worker.thread.is_alive():
                 raise SessionError(f"{role}: ended before the session did")
 
+    def wait_until_ready() -> None:
+        while exchange.wait_for(set(workers), 0.2):
+            check()
+
     try:
         for assignment in assignments(order, session):
             bus = LocalBus(exchange, assignment.role)
@@ -100,19 +88,10 @@ def _run(order: Order, session: Session, show: Callable[[Progress], None]) -> No
             key = bytes.fromhex(assignment.seal_key)
             context = Context(assignment.role, bus, cell_told, session.name, key)
             workers[assignment.role] = _Worker(assignment, context)
-        failure = _start(exchange, set(workers), check)
+        failure = begin(wait_until_ready)
         with LocalBus(exchange, roles.LAUNCHER) as bus:
             follower = Follower(bus, check, session, cell.boards * len(cell.board.holes), show)
-            try:
-                if failure is not None:
-                    follower.fail(failure)
-                    raise failure
-                follower.follow()
-            except BaseException:
-                with contextlib.suppress(SessionError):  # what failed first is what is told
-                    _close(workers, follower)
-                raise
-            _close(workers, follower)
+            follower.see_through(failure, partial(_close, workers, follower))
     finally:
         for worker in workers.values():
             worker.context.stop()

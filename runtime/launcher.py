@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import json
 import os
 import platform
@@ -20,8 +19,9 @@ from runtime.clock import wall_clock
 from runtime.config import CellFile, redacted, robot_of, scope_of
 from runtime.crew import Crew
 from runtime.errors import InputError, SessionError
-from runtime.follower import FailedSessionError, Follower, Progress, Session
+from runtime.follower import FailedSessionError, Follower, Progress, Session, begin
 from runtime.log.split import Split
+from runtime.log.writer import SESSION_RECORD, VERSIONS_RECORD
 from runtime.network.zenoh_bus import ZenohBus, ZenohRouter
 from runtime.roles import Assignment
 from runtime.safety.permit_seal import new_key
@@ -48,10 +48,19 @@ def launch(order: Order, show: Callable[[Progress], None]) -> Session:
 
     Raises InputError if it cannot begin, FailedSessionError if a plugin fails.
     """
+    return carried_out(order, show, _run)
+
+
+def carried_out(
+    order: Order,
+    show: Callable[[Progress], None],
+    run: Callable[[Order, Session, Callable[[Progress], None]], None],
+) -> Session:
+    """Check an order and let `run` carry it out in a new session."""
     check_order(order)
     session = new_session(order.logs)
     try:
-        _run(order, session, show)
+        run(order, session, show)
     except SessionError as error:
         raise FailedSessionError(str(error), session) from error
     return session
@@ -64,33 +73,15 @@ def _run(order: Order, session: Session, show: Callable[[Progress], None]) -> No
         try:
             for assignment in assignments(order, session):
                 crew.start(assignment)
-            failure = _start(crew, router)
+            failure = begin(lambda: crew.wait_until_ready(router.wait_for))
             with ZenohBus(roles.LAUNCHER, point) as bus:
                 follower = Follower(
                     bus, partial(_check, crew, router), session, cell.boards * len(cell.board.holes), show
                 )
-                try:
-                    if failure is not None:
-                        follower.fail(failure)
-                        raise failure
-                    follower.follow()
-                except BaseException:
-                    with contextlib.suppress(SessionError):  # what failed first is what is told
-                        _close(crew, follower)
-                    raise
-                _close(crew, follower)
+                follower.see_through(failure, partial(_close, crew, follower))
         except KeyboardInterrupt:
             session.interrupted = True
             crew.close()
-
-
-def _start(crew: Crew, router: ZenohRouter) -> SessionError | None:
-    """Wait until all plugins are ready; why they never will be, if so."""
-    try:
-        crew.wait_until_ready(router.wait_for)
-    except SessionError as error:
-        return error
-    return None
 
 
 def _check(crew: Crew, router: ZenohRouter) -> None:
@@ -201,7 +192,7 @@ def _metadata(order: Order, session: Session, identity: str) -> dict[str, dict[s
     versions = {package: version(package) for package in PACKAGES}
     versions |= registry.packages([(registry.DRIVERS, cell.robot), (registry.STRATEGIES, cell.strategy)])
     return {
-        "palpate.session": {
+        SESSION_RECORD: {
             "session": session.name,
             "evidence_session": identity,
             "cell": order.cell_file.name,
@@ -214,5 +205,5 @@ def _metadata(order: Order, session: Session, identity: str) -> dict[str, dict[s
             "rate": cell.rate,
             "settings": json.dumps(order.cell_file.document),
         },
-        "palpate.versions": {**versions, "python": platform.python_version(), "system": platform.system()},
+        VERSIONS_RECORD: {**versions, "python": platform.python_version(), "system": platform.system()},
     }

@@ -16,12 +16,11 @@ from runtime.bus import Envelope
 from runtime.clock import pause
 from runtime.context import Context
 from runtime.errors import InputError
-from runtime.view.target import FLUSH_TIMEOUT, Mode, has_display, target
+from runtime.view.target import APPLICATION, FLUSH_TIMEOUT, Mode, has_display, target
 
 if TYPE_CHECKING:
     from runtime.view.scene import Scene
 
-APPLICATION = "palpate"
 REFRESH = 0.1  # [s] of machine time between two updates
 NICENESS = 10  # added to that of the session
 POSES = (topics.TF, topics.TCP_POSE)

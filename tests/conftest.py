@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 from hypothesis import settings
 
-from runtime.cli import ONE_THREAD
+from runtime.linear_algebra import ONE_THREAD
 
 os.environ.update(ONE_THREAD)  # before anything loads linear algebra, as in every process of a cell
 

@@ -52,7 +52,6 @@ class Job(SearchService):
 
     def _may_move(self, now: int) -> bool:
         """Whether the arm may move in the cycle that begins at session time `now` [ns], and has the power to."""
-        self._gate.pacer.wait_until(now)  # cycle by cycle, or it would run ahead of a beam that somebody breaks now
         permitted = self._gate(now)
         arm, power, emergency = self._arm, self._power, self._gate.held.emergency
         arm.stop_mode = EMERGENCY_STOP if emergency else SAFEGUARD_STOP

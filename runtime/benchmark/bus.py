@@ -10,9 +10,10 @@ from itertools import islice
 from runtime.benchmark.bus_contenders import CONTENDERS, PALPATE, RAW, BusContender
 from runtime.benchmark.ends import Ports
 from runtime.benchmark.figures import percentile, processor_time, ratio, shares
-from runtime.benchmark.station import Station, free_port, stations
+from runtime.benchmark.station import Station, stations
 from runtime.clock import Stopwatch, pause
 from runtime.errors import SessionError
+from runtime.network.meeting_point import free_port
 from runtime.network.zenoh_bus import ZenohRouter
 
 PAIRS = 3  # of processes that a contender has one after the other: each pair has luck of its own with the machine

@@ -21,9 +21,10 @@ from runtime.benchmark.log_contenders import (
     Written,
     lost_in,
 )
-from runtime.benchmark.station import Station, free_port, stations
+from runtime.benchmark.station import Station, stations
 from runtime.clock import Stopwatch
 from runtime.log.file import open_log
+from runtime.network.meeting_point import free_port
 
 ROUNDS = 5
 

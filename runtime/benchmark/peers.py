@@ -8,9 +8,9 @@ from typing import Any
 
 from runtime.benchmark.ends import Ports
 from runtime.benchmark.sample import PING, PONG, joint_names, joint_state
-from runtime.benchmark.station import LOOPBACK
 from runtime.bus import decode, encode
 from runtime.messages import JointState
+from runtime.network.meeting_point import LOOPBACK
 
 
 class ZmqEnd:

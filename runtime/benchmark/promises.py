@@ -25,7 +25,7 @@ from runtime.evidence.file import Access
 from runtime.evidence.store import PosteriorStore
 from runtime.log.file import LogFile, open_log
 from runtime.log.recovery import recover
-from runtime.log.writer import SUMMARY
+from runtime.log.writer import SESSION_RECORD, SUMMARY
 from runtime.messages import NANOSECONDS, nanoseconds_of
 from runtime.topics import BELIEF, PERMIT, SEARCH_GOAL, SEARCH_RESULT, TRACE, Topic
 
@@ -149,7 +149,7 @@ def _read_log(cell: SmallCell, record: _Record) -> None:
 
 
 def _take(log: LogFile, record: _Record) -> None:
-    record.session = log.metadata.get("palpate.session", {}).get("evidence_session", "")
+    record.session = log.metadata.get(SESSION_RECORD, {}).get("evidence_session", "")
     for item in log.messages([topic.name for topic in _JUDGED]):
         record.recorded[item.topic].append(item)
 

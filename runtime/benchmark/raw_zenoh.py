@@ -10,9 +10,9 @@ import zenoh
 
 from runtime.benchmark.ends import End, Ports
 from runtime.benchmark.sample import joint_state
-from runtime.benchmark.station import LOOPBACK
 from runtime.bus import decode, encode
 from runtime.messages import JointState
+from runtime.network.meeting_point import LOOPBACK
 
 _BACKLOG = 100_000  # messages that may wait in a channel
 

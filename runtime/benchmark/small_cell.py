@@ -18,11 +18,11 @@ from pathlib import Path
 from typing import Any
 
 from runtime import config
-from runtime.benchmark.station import free_port
 from runtime.bus import Envelope
 from runtime.clock import Stopwatch, pause
 from runtime.closing import Closing
 from runtime.errors import BusError, InputError, SessionError
+from runtime.network.meeting_point import free_port
 from runtime.network.zenoh_bus import ZenohBus
 from runtime.roles import LAUNCHER
 from runtime.topics import JOINT_STATES, Topic

@@ -10,7 +10,6 @@ import multiprocessing
 import os
 import queue
 import signal
-import socket
 import threading
 from collections.abc import Callable, Iterator
 from multiprocessing import forkserver
@@ -21,7 +20,6 @@ from typing import Any, Protocol
 from runtime.closing import Closing
 from runtime.errors import InputError, PalpateError, SessionError
 
-LOOPBACK = "127.0.0.1"
 PATIENCE = 120.0  # [s] for an answer
 _FAREWELL = 3.0  # [s] for a process to end by itself
 
@@ -150,10 +148,3 @@ def _listen(pipe: Connection, tasks: queue.SimpleQueue[tuple[str, tuple[Any, ...
         tasks.put(None)
         threading.main_thread().join(_FAREWELL / 2)
         os._exit(1)  # what it does would keep it for ever
-
-
-def free_port() -> int:
-    """A port on loopback that nobody listens on."""
-    with socket.socket() as probe:
-        probe.bind((LOOPBACK, 0))
-        return int(probe.getsockname()[1])

@@ -8,18 +8,15 @@ import sys
 from rich.console import Console
 
 from runtime.bus import Bus, Envelope
+from runtime.commands import operator
 from runtime.commands.attendance import PROMPT, answer_of, choice_of, show_request, user
 from runtime.config import meeting_point
 from runtime.errors import BusError, InputError
 from runtime.intervention import answered
 from runtime.messages import AnswerGiven, Choice, Intervention, InterventionAnswer, InterventionReply, Need
-from runtime.network.access import OPERATOR
 from runtime.network.meeting_point import MeetingPoint
-from runtime.network.zenoh_bus import ZenohBus
 from runtime.topics import ANSWER, INTERVENTION, SESSION
 
-_PATIENCE = 3.0  # [s] for a router to answer
-_ANSWER = 10.0  # [s] for the cell to
 _LOOK = 2.0  # [s] of waiting between looks whether the cell is still there
 
 
@@ -28,7 +25,7 @@ def attend_command(arguments: argparse.Namespace) -> int:
     choice = None if arguments.choice is None else choice_of(arguments.choice)
     point = meeting_point(arguments.cell, arguments.port)
     console = Console()
-    with _joined(point) as bus:
+    with operator.joined(point, _absent(point)) as bus:
         request = _open_request(bus, point, wait=arguments.wait)
         if request is None and choice is None:
             console.print("the cell needs nobody now", highlight=False)
@@ -47,22 +44,15 @@ def attend_command(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _joined(point: MeetingPoint) -> ZenohBus:
-    try:
-        return ZenohBus(OPERATOR, point, patience=_PATIENCE)
-    except BusError:
-        raise _absent(point) from None
-
-
-def _absent(point: MeetingPoint) -> BusError:
-    return BusError(f"no cell answers on {point}; is 'palpate launch --attended' there?")
+def _absent(point: MeetingPoint) -> str:
+    return f"no cell answers on {point}; is 'palpate launch --attended' there?"
 
 
 def _ask(bus: Bus, point: MeetingPoint, answer: InterventionAnswer) -> InterventionReply:
     try:
-        return bus.request(ANSWER, answer, _ANSWER)
+        return bus.request(ANSWER, answer, operator.ANSWER)
     except BusError:
-        raise _absent(point) from None
+        raise BusError(_absent(point)) from None
 
 
 def _look(bus: Bus, point: MeetingPoint) -> Intervention | None:

@@ -17,6 +17,7 @@ from rich.text import Text
 from runtime.errors import InputError, alternatives
 from runtime.intervention import CHOICES
 from runtime.messages import Choice, Intervention, InterventionAnswer, Need
+from runtime.playback.keys import in_foreground
 
 PROMPT = "r, s or a, and a note if you like, then Enter"
 
@@ -72,7 +73,7 @@ class TypedLines:
     def available(self) -> bool:
         """Whether somebody could type here: a terminal, and this process in its foreground."""
         try:
-            return sys.stdin.isatty() and os.tcgetpgrp(sys.stdin.fileno()) == os.getpgrp()
+            return in_foreground(sys.stdin.fileno())
         except (OSError, ValueError):  # no standard input, or it is closed
             return False
 

@@ -20,9 +20,9 @@ from runtime.benchmark.safety import (
     full_speed_trials,
     real_time_trials,
 )
-from runtime.benchmark.station import free_port
 from runtime.commands.progress import progress_bar
 from runtime.errors import InputError
+from runtime.network.meeting_point import free_port
 
 BOTH = "both"
 TRIALS = {FULL_SPEED: 10_000, REAL_TIME: 250, BOTH: 10_000}

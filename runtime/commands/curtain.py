@@ -6,25 +6,18 @@ import argparse
 
 from rich.console import Console
 
+from runtime.commands.operator import asked
 from runtime.config import meeting_point
-from runtime.errors import BusError, InputError
+from runtime.errors import InputError
 from runtime.messages import CurtainCommand, CurtainState
-from runtime.network.access import OPERATOR
-from runtime.network.zenoh_bus import ZenohBus
 from runtime.topics import LIGHT_FIELD
-
-_PATIENCE = 3.0  # [s] for a router to answer
-_ANSWER = 10.0  # [s] for a curtain to
 
 
 def curtain_command(arguments: argparse.Namespace) -> int:
     """Do one thing and print how the curtain is then. Raises BusError if no cell runs there."""
     point = meeting_point(arguments.cell, arguments.port)
-    try:
-        with ZenohBus(OPERATOR, point, patience=_PATIENCE) as bus:
-            state = bus.request(LIGHT_FIELD, CurtainCommand(arguments.action), _ANSWER)
-    except BusError:
-        raise BusError(f"no light curtain answers on {point}; is 'palpate launch' there?") from None
+    absent = f"no light curtain answers on {point}; is 'palpate launch' there?"
+    state = asked(point, LIGHT_FIELD, CurtainCommand(arguments.action), absent)
     if not state.ok:
         raise InputError(state.error)
     Console().print(state_line(state), highlight=False, soft_wrap=True)

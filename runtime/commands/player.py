@@ -8,15 +8,13 @@ import math
 from rich.console import Console
 
 from runtime.clock import MAX_RATE
+from runtime.commands.operator import asked
 from runtime.config import meeting_point
-from runtime.errors import BusError, InputError
+from runtime.errors import InputError
 from runtime.messages import PlayerState
-from runtime.network.access import OPERATOR
-from runtime.network.zenoh_bus import ZenohBus
 from runtime.playback.state import command
 from runtime.topics import PLAYER_CONTROL
 
-_PATIENCE = 3.0  # [s] for a router to answer
 _ANSWER = 70.0  # [s] for a player to: a slow receiver may hold it up for a minute
 
 
@@ -24,13 +22,8 @@ def player_command(arguments: argparse.Namespace) -> int:
     """Send one command and print how far the player is then. Raises InputError for one that it refuses."""
     given = command(arguments.action, arguments.value)
     point = meeting_point(arguments.cell, arguments.port)
-    try:
-        with ZenohBus(OPERATOR, point, patience=_PATIENCE) as bus:
-            state = bus.request(PLAYER_CONTROL, given, _ANSWER)
-    except BusError:
-        raise BusError(
-            f"nothing is played on port {point.port}: no `palpate replay LOG --port {point.port}` answers"
-        ) from None
+    absent = f"nothing is played on port {point.port}: no `palpate replay LOG --port {point.port}` answers"
+    state = asked(point, PLAYER_CONTROL, given, absent, _ANSWER)
     if not state.ok:
         raise InputError(state.error)
     Console().print(state_line(state), highlight=False)

@@ -26,7 +26,7 @@ from pydantic import (
 )
 
 from runtime.errors import InputError
-from runtime.messages import Attempt, Ending, Outcome, SearchResult, slid_in
+from runtime.messages import Attempt, Ending, Miss, Outcome, SearchResult, Seat, Waypoint, slid_in
 
 LATEST = 7_258_118_400 * 10**9  # [ns] the year 2200: a later time of recording is a mistake
 _Enum = TypeVar("_Enum", bound=IntEnum)
@@ -162,6 +162,23 @@ def evidence_of(
     )
 
 
+def seats_of(evidence: Evidence, board: int) -> list[Seat]:
+    """Where the part went in, if it did, in a board of this number."""
+    if evidence.ending != Ending.INSERTED:
+        return []
+    x, y, seated_x, seated_y = map(_number, (evidence.x, evidence.y, evidence.seated_x, evidence.seated_y))
+    return [Seat(evidence.session, board, evidence.hole, x, y, seated_x, seated_y, evidence.slid)]
+
+
+def misses_of(evidence: Evidence, board: int) -> list[Miss]:
+    """The attempts that were blocked, in a board of this number."""
+    return [
+        Miss(board, evidence.hole, [Waypoint(*point) for point in item.path or ((_number(item.x), _number(item.y)),)])
+        for item in evidence.tried
+        if item.outcome == Outcome.BLOCKED
+    ]
+
+
 def text_of(evidence: Evidence) -> str:
     """One line of JSON; `evidence_from` gives back an equal value."""
     return _adapter().dump_json(evidence).decode()
@@ -201,3 +218,7 @@ def _known(value: float) -> float | None:
 
 def _positive_zero(value: float | None) -> float | None:
     return None if value is None else value + 0.0  # SQLite keeps no negative zero
+
+
+def _number(value: float | None) -> float:
+    return math.nan if value is None else value

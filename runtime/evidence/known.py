@@ -8,14 +8,13 @@ Each board has a number of its own here: strategies tell boards by their number,
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from runtime.config import Cell
-from runtime.evidence.evidence import Evidence, evidence_of
+from runtime.evidence.evidence import Evidence, evidence_of, misses_of, seats_of
 from runtime.evidence.store import PosteriorStore
-from runtime.messages import Attempt, Ending, Merged, Miss, Outcome, SearchResult, Seat, Waypoint, header
+from runtime.messages import Attempt, Merged, Miss, SearchResult, Seat, header
 
 
 @dataclass
@@ -92,24 +91,3 @@ class KnownEvidence:
             free = self._pieces is None and piece.board not in taken
             self._numbers[key] = piece.board if free else 1 + max(taken | {self._own})
         return self._numbers[key]
-
-
-def seats_of(evidence: Evidence, board: int) -> list[Seat]:
-    """Where the part went in, if it did, in a board of this number."""
-    if evidence.ending != Ending.INSERTED:
-        return []
-    x, y, seated_x, seated_y = map(_number, (evidence.x, evidence.y, evidence.seated_x, evidence.seated_y))
-    return [Seat(evidence.session, board, evidence.hole, x, y, seated_x, seated_y, evidence.slid)]
-
-
-def misses_of(evidence: Evidence, board: int) -> list[Miss]:
-    """The attempts that were blocked, in a board of this number."""
-    return [
-        Miss(board, evidence.hole, [Waypoint(*point) for point in item.path or ((_number(item.x), _number(item.y)),)])
-        for item in evidence.tried
-        if item.outcome == Outcome.BLOCKED
-    ]
-
-
-def _number(value: float | None) -> float:
-    return math.nan if value is None else value

@@ -23,7 +23,7 @@ from runtime.clock import wall_nanoseconds
 from runtime.closing import Closing
 from runtime.errors import InputError, SessionError
 from runtime.evidence.digest import Digest, Run
-from runtime.evidence.evidence import Evidence, evidence_of
+from runtime.evidence.evidence import Evidence, evidence_of, misses_of, seats_of
 from runtime.evidence.file import (
     COUNTS,
     IN_ORDER,
@@ -33,10 +33,9 @@ from runtime.evidence.file import (
     failure,
     open_file,
     path_text,
-    points_of,
     read_evidence,
 )
-from runtime.messages import Attempt, Ending, Miss, Outcome, SearchResult, Seat, Waypoint
+from runtime.messages import Attempt, Ending, Miss, SearchResult, Seat
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,27 +111,13 @@ class PosteriorStore(Closing):
 
     def seats(self, board_type: str, component: str, *, scope: str) -> list[Seat]:
         """Every insertion of this component into boards of this type, oldest first."""
-        rows = self._read(
-            "SELECT session, board, hole, x, y, seated_x, seated_y, slid FROM search WHERE scope = ?"
-            f" AND board_type = ? AND component = ? AND ending = ? AND {COUNTS} ORDER BY {IN_ORDER}",
-            (scope, board_type, component, int(Ending.INSERTED)),
-        )
-        return [
-            Seat(session, board, hole, _number(x), _number(y), _number(seated_x), _number(seated_y), bool(slid))
-            for session, board, hole, x, y, seated_x, seated_y, slid in rows
-        ]
+        found = self.evidence(board_type, component, scope=scope)
+        return [seat for piece in found for seat in seats_of(piece, piece.board)]
 
     def misses(self, board_type: str, component: str, *, scope: str) -> list[Miss]:
         """Every attempt that was blocked, oldest first."""
-        rows = self._read(
-            "SELECT board, hole, attempt.x, attempt.y, path FROM search JOIN attempt ON search_id = id WHERE scope = ?"
-            f" AND board_type = ? AND component = ? AND outcome = ? AND {COUNTS} ORDER BY {IN_ORDER}, number",
-            (scope, board_type, component, int(Outcome.BLOCKED)),
-        )
-        return [
-            Miss(board, hole, [Waypoint(*point) for point in points_of(path) or ((_number(x), _number(y)),)])
-            for board, hole, x, y, path in rows
-        ]
+        found = self.evidence(board_type, component, scope=scope)
+        return [miss for piece in found for miss in misses_of(piece, piece.board)]
 
     def identities(self, board_type: str, component: str, *, scope: str) -> set[tuple[str, int]]:
         """Session and number of every search that counts."""
@@ -348,7 +333,3 @@ def _turn(connection: sqlite3.Connection, evidence: Evidence, since: int) -> Non
         "INSERT INTO turn (search_id, life) SELECT id, ? FROM search WHERE scope = ? AND session = ? AND search = ?",
         [(life, *evidence.identity) for life in range(since + 1, evidence.life + 1)],
     )
-
-
-def _number(value: float | None) -> float:
-    return float("nan") if value is None else value

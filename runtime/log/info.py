@@ -14,12 +14,10 @@ from runtime.errors import LogError
 from runtime.log.file import LogFile, MessageT
 from runtime.log.sizes import payload_bytes
 from runtime.log.tables import word
-from runtime.messages import ArmStatus, Ending, Log, Phase, SearchResult, nanoseconds_of
+from runtime.log.writer import SESSION_RECORD, SUMMARY, VERSIONS_RECORD
+from runtime.messages import ArmStatus, Ending, Phase, SearchResult, nanoseconds_of
 from runtime.topics import ARM_STATUS, PERMIT, ROSOUT, SEARCH_RESULT, SESSION, Topic, topics
 
-SESSION_RECORD = "palpate.session"  # metadata: what was run
-VERSIONS_RECORD = "palpate.versions"
-RECORDING_RECORD = "palpate.recording"  # how it was recorded, written at the end
 WARNING = 30  # level of rcl_interfaces/msg/Log
 STOPPED = {  # safety modes (RTDE guide) in which the arm stands
     3: "protective stop",
@@ -159,13 +157,13 @@ def info_of(log: LogFile) -> LogInfo:
     except LogError as error:
         notes.append(str(error))
     session = log.metadata.get(SESSION_RECORD, {})
-    recording = log.metadata.get(RECORDING_RECORD, {})
+    recording = log.metadata.get(SUMMARY, {})
     results = [result for _, result in _readable(log, SEARCH_RESULT, notes)]
     statuses = [status for _, status in _readable(log, ARM_STATUS, notes)]
     closing = [stamp for stamp, state in _readable(log, SESSION, notes) if state.phase == Phase.CLOSING]
     said = [
         Said(stamp / 1e9, _LEVELS.get(line.level, str(line.level)), line.name, line.msg)
-        for stamp, line in _lines(log, notes)
+        for stamp, line in _readable(log, ROSOUT, notes)
         if line.level >= WARNING
     ]
     return LogInfo(
@@ -195,10 +193,6 @@ def _readable(log: LogFile, topic: Topic[MessageT], notes: list[str]) -> Iterato
         yield from log.read(topic)
     except LogError as error:
         notes.append(str(error))
-
-
-def _lines(log: LogFile, notes: list[str]) -> Iterator[tuple[int, Log]]:
-    yield from _readable(log, ROSOUT, notes)
 
 
 def _recorded(session: str, start: int) -> str:

@@ -17,6 +17,7 @@ from mcap.summary import Summary
 from numpy.typing import NDArray
 
 from runtime.log.index import DAMAGE
+from runtime.log.part import type_of
 
 _RECORD_HEADER = 1 + 8  # [byte] opcode and length
 _MESSAGE_HEADER = _RECORD_HEADER + 2 + 4 + 8 + 8  # [byte] channel, sequence, two times
@@ -52,8 +53,7 @@ def _by_topic(sizes: Counter[int], summary: Summary) -> Counter[tuple[str, str]]
     found: Counter[tuple[str, str]] = Counter()
     for number, size in sizes.items():
         channel = summary.channels[number]
-        schema = summary.schemas.get(channel.schema_id)
-        found[channel.topic, schema.name if schema else channel.metadata.get("type", "")] += size
+        found[channel.topic, type_of(channel, summary.schemas.get(channel.schema_id))] += size
     return found
 
 

@@ -30,6 +30,8 @@ from runtime.topics import topics
 
 PROFILE = "ros2"
 LIBRARY = f"palpate {LIBRARY_IDENTIFIER}"
+SESSION_RECORD = "palpate.session"  # metadata record of what was run
+VERSIONS_RECORD = "palpate.versions"
 SUMMARY = "palpate.recording"  # metadata record that a finished recording ends with
 CHUNK_SIZE = 64 * 1024  # [byte] what a crash may cost at most, besides FLUSH_INTERVAL
 FLUSH_INTERVAL = 0.1  # [s] of machine time

@@ -76,7 +76,7 @@ def keys_of(terminal: int, press: Callable[[str], None]) -> Iterator[None]:
     `press` is called from a thread. Ctrl-C still interrupts. However the block ends, the terminal is as it was. A
     process in the background leaves the terminal alone, since it would be stopped. For the main thread only.
     """
-    if not _in_foreground(terminal):
+    if not in_foreground(terminal):
         yield
         return
     before = termios.tcgetattr(terminal)
@@ -98,7 +98,7 @@ def keys_of(terminal: int, press: Callable[[str], None]) -> Iterator[None]:
                 press(key)
 
     def resumed(_number: int, _frame: object) -> None:
-        if _in_foreground(terminal):
+        if in_foreground(terminal):
             tty.setcbreak(terminal, termios.TCSANOW)
 
     thread = threading.Thread(target=listen, daemon=True)
@@ -109,7 +109,7 @@ def keys_of(terminal: int, press: Callable[[str], None]) -> Iterator[None]:
         yield
     finally:
         signal.signal(signal.SIGCONT, former)
-        if _in_foreground(terminal):
+        if in_foreground(terminal):
             with contextlib.suppress(termios.error):
                 termios.tcsetattr(terminal, termios.TCSANOW, before)
         if thread.ident is not None:
@@ -119,7 +119,8 @@ def keys_of(terminal: int, press: Callable[[str], None]) -> Iterator[None]:
         os.close(waker)
 
 
-def _in_foreground(terminal: int) -> bool:
+def in_foreground(terminal: int) -> bool:
+    """Whether a descriptor is a terminal, and this process in its foreground: it may take what is typed there."""
     try:
         return os.tcgetpgrp(terminal) == os.getpgrp()
     except OSError:

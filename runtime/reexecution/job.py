@@ -10,8 +10,7 @@ from runtime import roles, topics
 from runtime.assembly import Agenda, SearchReport, Task, goal_for, tasks_of
 from runtime.clock import SessionClock
 from runtime.config import Cell
-from runtime.evidence.evidence import evidence_of
-from runtime.evidence.known import misses_of, seats_of
+from runtime.evidence.evidence import evidence_of, misses_of, seats_of
 from runtime.intervention import AttendanceDesk, nothing_needed
 from runtime.messages import (
     Attempt,

@@ -13,6 +13,7 @@ from runtime.config import Cell, cell_of, redacted
 from runtime.declaration import type_name
 from runtime.errors import LogError
 from runtime.log.file import LogFile
+from runtime.log.writer import SESSION_RECORD, SUMMARY
 from runtime.messages import (
     AnswerGiven,
     Attempt,
@@ -165,7 +166,7 @@ def _by_search(items: list[Recorded[Any]]) -> dict[int, list[Recorded[Any]]]:
 
 def recorded_session(log: LogFile) -> RecordedSession:
     """Read what a log knows of its decisions. Raises LogError if it has no settings or cannot be decoded."""
-    about = log.metadata.get("palpate.session", {})
+    about = log.metadata.get(SESSION_RECORD, {})
     if "settings" not in about:
         raise LogError(
             f"{log.path}: the log does not say with which settings its session ran (metadata palpate.session)"
@@ -205,7 +206,7 @@ def recorded_session(log: LogFile) -> RecordedSession:
 
 def _lost(log: LogFile) -> dict[str, int]:
     try:
-        lost = json.loads(log.metadata.get("palpate.recording", {}).get("lost_topics", "{}"))
+        lost = json.loads(log.metadata.get(SUMMARY, {}).get("lost_topics", "{}"))
         return {str(name): int(count) for name, count in lost.items()}
     except (ValueError, AttributeError, TypeError):
         raise LogError(f"{log.path}: what was lost stands in metadata palpate.recording in no known form") from None

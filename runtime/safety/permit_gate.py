@@ -51,9 +51,9 @@ class PermitGate:
     def __call__(self, now: int) -> bool:
         """Whether the arm may move in the cycle that begins at session time `now` [ns]. Blocks until that is known."""
         self.context.clock.advance(now)
+        self.pacer.wait_until(now)  # cycle by cycle, or it would run ahead of a beam that somebody breaks now
         if now - self._ticked >= TICK:
             self._tick(now)
-            self.pacer.wait_until(now)
         if len(self.context.bus.inbox):
             self.take_arrivals()
         if now >= self.held.until and not self._wait_for_word(now):

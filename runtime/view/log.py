@@ -28,15 +28,15 @@ from runtime.declaration import type_name
 from runtime.errors import InputError, LogError, PalpateError
 from runtime.log.file import LogFile
 from runtime.log.part import UNKNOWN_PUBLISHER
+from runtime.log.writer import SESSION_RECORD
 from runtime.settings import read
 from runtime.topics import Topic
 from runtime.view.blueprint import empty_scene
 from runtime.view.board import HELD, HELD_FRAME, board_of
 from runtime.view.scene import FORCE, FORCE_Z, INTERLOCK, INTERVAL, Scene, safety_state
-from runtime.view.target import FLUSH_TIMEOUT, has_display, target
+from runtime.view.target import APPLICATION, FLUSH_TIMEOUT, has_display, target
 from runtime.view.tracks import every_few, every_interval, strongest
 
-APPLICATION = "palpate"
 STREAMS = (topics.TF, topics.TCP_POSE, topics.WRENCH, topics.TRACE, topics.PERMIT)
 # What happened at one time is drawn in the order of cause and effect: a log keeps no order between publishers.
 EVENTS = (
@@ -109,8 +109,8 @@ def draw(log: LogFile, recording: Any) -> None:
 def _board_of(log: LogFile, goals: list[m.SearchGoal]) -> Board | None:
     """The board of the settings that the launcher records, or as far as search goals tell."""
     with contextlib.suppress(PalpateError, ValueError, KeyError):
-        settings = json.loads(log.metadata["palpate.session"]["settings"])
-        return read(Board, settings["board"], "palpate.session")
+        settings = json.loads(log.metadata[SESSION_RECORD]["settings"])
+        return read(Board, settings["board"], SESSION_RECORD)
     return board_of(goals) if goals else None
 
 

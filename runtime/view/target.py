@@ -17,9 +17,10 @@ from urllib.parse import quote
 
 from runtime.clock import Stopwatch
 from runtime.errors import InputError, SessionError
+from runtime.network.meeting_point import LOOPBACK, free_port
 
 Mode = Literal["spawn", "web", "save"]
-LOOPBACK = "127.0.0.1"
+APPLICATION = "palpate"  # by which Rerun knows our recordings
 START_TIMEOUT = 30.0  # [s] of machine time for Rerun to answer
 FLUSH_TIMEOUT = 60.0  # [s] of machine time for what was drawn to be handed over
 
@@ -88,7 +89,7 @@ class _Server:
 @contextlib.contextmanager
 def _rerun(arguments: list[str], *, keep: bool) -> Iterator[_Server]:
     """Run Rerun's own viewer or server, on loopback only: the SDK's own servers listen on every interface."""
-    port, web_port = _free_port(), _free_port()
+    port, web_port = free_port(), free_port()
     program = Path(str(resources.files("rerun_cli"))) / "rerun"  # its Python script would not pass signals on
     command = [str(program), "--bind", LOOPBACK, "--port", str(port), *arguments]
     if "--serve-web" in arguments:
@@ -112,12 +113,6 @@ def _dying_with_us() -> list[str]:
     """What to put before a command that shall end even where we are killed: util-linux has it, macOS does not."""
     setpriv = shutil.which("setpriv")
     return [setpriv, "--pdeathsig", "TERM"] if setpriv else []
-
-
-def _free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind((LOOPBACK, 0))
-        return int(probe.getsockname()[1])
 
 
 def _wait_for(port: int, process: subprocess.Popen[bytes]) -> None:
